@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 _CREEP_SIZES = 1e-6 * np.array([7.5, 15.0, 30.0, 60.0, 120.0, 240.0, 480.0])
 """(7,) standard deviations [m] of the line's own motion that are tried
 
-All are equally likely before the measurement where an offset is to be distinguished from it: a soft contact
-must not pass for one. For its own size each is a quarter as likely as one of half the size, so that 17 um (a
-hard table) are expected where the camera shows nothing.
+All are equally likely before the measurement where an offset is to be distinguished from that motion: a soft
+contact must not pass for an offset. Where the size of the motion itself is estimated, each is a quarter as
+likely as one of half the size, so that 17 um (a hard table) are expected where the camera shows nothing.
 """
 _CREEP_ANGLE = 0.25
 """tipping angle [rad] over which the line's own motion changes, as the load on the contact does"""
@@ -57,7 +57,7 @@ class CreepFit:
     parameters: Array
     """(p,) parameters of the model, each in its own unit"""
     covariance: Array
-    """(p, p) their covariance"""
+    """(p, p) covariance of the parameters"""
     size: float
     """expected root mean square [m] of the line's own motion"""
 

@@ -152,7 +152,7 @@ class _Equations:
     """(f,) degrees of freedom of each flight's residuals"""
 
     def part(self, kept: NDArray[np.bool_]) -> _Equations:
-        """These equations for only the flights for which the mask `kept` (f,) is True."""
+        """Normal equations of only those flights for which the mask `kept` (f,) is True."""
         return _Equations(self.products[kept], self.rights[kept], self.squares[kept], self.counts[kept])
 
     def solved(self, start: Array) -> tuple[Array, Array, Array]:

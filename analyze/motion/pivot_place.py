@@ -55,9 +55,9 @@ class PivotPlace:
     """
 
     ahead: float
-    """the distance [m]"""
+    """horizontal distance [m], positive if the line about which the body turns is ahead of the planned one"""
     sd: float
-    """its standard deviation [m], with that of the markers' place on the object"""
+    """standard deviation of `ahead` [m], with that of the markers' place on the object"""
 
 
 def measure_pivot(motion: PlanarMotion, fit: MotionFit) -> PivotPlace | None:

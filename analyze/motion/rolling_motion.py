@@ -34,7 +34,7 @@ _MAX_STEP_S = 0.01
 _MIN_INERTIA = 1e-2
 """lower bound of M / J: trial steps of a fit may leave the physical range"""
 _MAX_SPEED = 60.0
-"""upper bound of the angular speed [rad/s], for the same reason"""
+"""upper bound of the angular speed [rad/s] in a trial step of a fit"""
 _BALANCE_RANGE, _BALANCE_ANGLES = (0.0, 2.0), 400
 """range of angles [rad] in which a balance is sought, and the number of angles tried"""
 _NEWTON_STEPS = 6
@@ -53,7 +53,7 @@ def columns(section: SupportFunction, theta: Array) -> tuple[Array, Array, Array
 
     Args:
         section: support function of the body's cross-section: height of the pivot point over the table at
-        each tipping angle.
+            each tipping angle.
         theta: (...) tipping angles [rad].
 
     Returns:
@@ -119,7 +119,7 @@ def balance_angle(section: SupportFunction, body: Array) -> float | None:
 
     Args:
         section: support function of the cross-section on which the body rolls: height of the pivot point over
-        the table at each tipping angle.
+            the table at each tipping angle.
         body: (3,) 1 / J, a / J, b / J: c is at (-b, a) [m] from the pivot point (in the direction of tipping,
             up), J [m^2] is the inertia per mass about the pivot point.
     """

@@ -36,7 +36,8 @@ a contact simulator (MuJoCo).
 RIM_SD = 4e-5
 """standard deviation of the error on a round rim [rad], whose contact wanders along it"""
 TWIST_SHARE = 0.14
-"""the same for a body that turns about other axes by alpha [rad], over alpha squared"""
+"""standard deviation of the error for a body that turns about other axes by alpha [rad], over alpha
+squared"""
 _SCALE = np.array([0.1, 20.0, 0.02, 0.2])
 """typical changes of phi, k, theta0, omega0 [rad, rad/s^2, rad, rad/s], for conditioning"""
 _RCOND = 1e-9

@@ -41,7 +41,7 @@ _OFFSET_PER_ROUGHNESS = 0.6
 Corner errors e give a roughness of e sqrt(6) / (L turn) and shift the contact by e sqrt(2) / turn.
 """
 _MIDDLE_SD_SHARE = 0.2
-"""standard deviation of c about the section's middle, over the square root of the section's area"""
+"""standard deviation of the centre of mass about the section's middle, over the root of the section's area"""
 _LIFTED_RAD = math.radians(0.5)
 """theta [rad] from which no part of the resting face touches"""
 _STEP = math.radians(0.25)
@@ -67,9 +67,9 @@ class SupportFunction:
     radius: Array
     """(n,) rho: radius of curvature at the contact [m]"""
     middle: tuple[float, float]
-    """x and z [m] from p to the section's middle, near which c is expected"""
+    """x and z [m] from p to the section's middle, near which the centre of mass c is expected"""
     middle_sd: float
-    """standard deviation of c about it [m]; infinite if unknown"""
+    """standard deviation of c about that middle [m]; infinite if unknown"""
     sd: float = 0.0
     """standard deviation [m] of the section's position along and off the table, caused by its facets"""
     curved: NDArray[np.bool_] | None = None

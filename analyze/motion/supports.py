@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 LIFTED_RAD = math.radians(0.5)
 """tipping angle [rad] up to which a facet counts as part of the resting face"""
 _SAME_LINE_M = 1e-5
-"""distance [m] from the line before up to which a line is left out"""
+"""largest distance [m] between two successive lines at which the second one is left out"""
 
 
 @dataclass(frozen=True)
