@@ -98,8 +98,8 @@ def closed_mesh(vertices: Array, faces: IntArray, name: str) -> ClosedMesh:
 def _touching_apart(vertices: Array, faces: IntArray, body: IntArray) -> IntArray:
     """Number (f,) of the body that each face belongs to, with bodies that touch over faces kept apart.
 
-    Bodies are told apart by their wedges of material at common edges. Where that fails, as the mesh is open
-    or bodies overlap there, `body` is returned.
+    Bodies are distinguished by their wedges of material at common edges. Where that fails, as the mesh is
+    open or bodies overlap there, `body` is returned.
 
     Args:
         vertices: (n, 3) vertices [m].

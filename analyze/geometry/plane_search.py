@@ -229,7 +229,7 @@ def _largest_faces(
     Args:
         sample: (n, 3) points [m].
         candidates: For each plane, unit normal (3,), offset (normal . x on the plane) [m], and mask (n,) of
-        the points that it contains.
+            the points that it contains.
 
     Returns:
         Unit normal (3,) and offset [m] of each plane chosen, in the order of the choice.

@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 CHECKED_HEADING_SD = math.radians(2.0)
 """standard deviation of the heading [rad] where markers with known places show the placement"""
 HAND_HEADING_SD = math.radians(6.0)
-"""the same where no marker's place on the object is known: the hand alone decides"""
+"""standard deviation of the heading [rad] where no marker's place on the object is known: the hand alone
+decides"""
 
 
 def with_heading_errors(

@@ -39,9 +39,9 @@ class Pieces:
     points: Array
     """(n, 3) centroids [m], in O."""
     shell: Array
-    """(n,) volumes [m^3]; 0 for pieces of the interior."""
+    """(n,) volumes in the shell [m^3]; 0 for pieces of the interior."""
     interior: Array
-    """(n,) volumes [m^3]; 0 for pieces of the shell."""
+    """(n,) volumes in the interior [m^3]; 0 for pieces of the shell."""
     own_inertia: Array
     """(n,) moment of inertia of each piece about its own centroid, per kilogram [m^2]."""
     pitch: float

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 CODE = "next_edge"
 """Rejection code of axes whose neighbour may land before balance."""
 MAX_SHIFT_M = 5e-4
-"""Shift [m] of the support line up to which an axis is used all the same, with a larger sd of its place (or
-its own sd if that is larger)."""
+"""Largest shift [m] of the support line at which an axis is still used, with a larger sd of its place; for an
+axis whose own sd is larger, that sd is the limit."""
 MARGIN_RAD = math.radians(1.0)
 """Angle [rad] before the take-over by which balance must come, for unequal rounding and for a few frames
 past balance."""

@@ -91,7 +91,8 @@ def with_tilt_measured(information: Information, by: TurnableAxis) -> Informatio
     1 sigma of the tilt combines theirs with the one before.
 
     Args:
-        information: What planned strikes tell about the object, with the errors that they share; unchanged.
+        information: Information of planned strikes about the object, with the errors that they share; it is
+            not changed.
         by: Axis on which both strikes are made.
     """
     before = information.errors.tilt

@@ -27,7 +27,7 @@ VISIBILITY_STEPS = 9
 PLACE_TOLERANCE = 0.003
 """Tolerance [m] of a glued tag's place, which is measured by hand."""
 SURFACE_SDS = 2.0
-"""Standard deviations of the surface added to that tolerance."""
+"""Number of the surface's standard deviations that are added to `PLACE_TOLERANCE`."""
 FAULT_CODES = ("no_marker", "out_of_image", "tag_small", "hidden")
 """Codes of faults, in the order in which a marker is checked."""
 RAY_TOLERANCE = 1e-9

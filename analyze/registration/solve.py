@@ -74,7 +74,7 @@ class Problem:
         views: views of the strikes: marker corners at rest and while the object tips.
         sizes: edge of each marker's black square [m].
         table: prior sd of each table's tilts and height in the world frame W, which the recorded camera pose
-        T_world_camera defines.
+            T_world_camera defines.
         surface: the body's surface, with the markers constrained to it.
         twisted: ids of the strikes whose impact clearly turned the body about the vertical; the prior
             standard deviation of that turn is 3 deg for these, 0.05 deg for the others.
@@ -437,7 +437,8 @@ class Problem:
     def _solution(self, u: Unknowns, normal: Array, converged: bool) -> Solution:
         """Solution at the minimum: poses of markers and tables with covariances, and how well they fit.
 
-        The fit is told by chi^2 per degree of freedom of each strike, and rms residual [px] of each marker.
+        How well they fit is given by chi^2 per degree of freedom of each strike and by the rms residual [px]
+        of each marker.
 
         Args:
             u: values of the unknowns at the minimum.

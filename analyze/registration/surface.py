@@ -22,8 +22,8 @@ flat"""
 MAX_TILT_ON_SURFACE = math.radians(15.0)
 """largest angle [rad] between the normals of a marker that lies on the surface and of the surface"""
 MAX_HEIGHT_ON_SURFACE = 0.02
-"""largest first estimate of such a marker's distance from the surface [m]; along the normal it is as
-inaccurate as a placement by hand"""
+"""largest first estimate of the distance from the surface [m] of a marker that lies on it; along the normal
+it is as inaccurate as a placement by hand"""
 
 
 @dataclass(frozen=True)

@@ -26,9 +26,9 @@ class TablePrior:
     """
 
     tilt_sd: float
-    """tilt about W's x and y [rad]"""
+    """standard deviation of the tilt about W's x and of that about y [rad]"""
     height_sd: float
-    """height [m]"""
+    """standard deviation of the height [m]"""
 
 
 LAID_BOARD = TablePrior(math.radians(0.1), 5e-4)
