@@ -62,7 +62,7 @@ DISTURBANCES = {
     "shape_unstated": Disturbance(covered=True, scan_stated=False),
     "cloud": Disturbance(covered=True, scan="cloud", scan_sd=1.5e-4),
     "tag_place": Disturbance(covered=True, tag_place=3e-4, tag_turn=math.radians(0.3)),
-    "tags_unplaced": Disturbance(covered=True, unplaced=1e-3),
+    "tags_unplaced": Disturbance(covered=True, unplaced=3e-3),
     "lens": Disturbance(covered=True, lens=1e-3),
     "mass": Disturbance(covered=True, mass=0.01),
     "rest_pose": Disturbance(rest=math.radians(0.3)),

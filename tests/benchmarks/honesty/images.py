@@ -24,6 +24,8 @@ from tests.benchmarks.honesty.observed import T0, View
 from tests.benchmarks.honesty.struck import StruckMotion
 from tests.benchmarks.honesty.tags import Tags, real_camera, seen_tags
 
+HAND_SD = 3e-3
+"""standard deviation of where the hand puts the body, along the table's x and y [m]"""
 REST = 0.15
 """time filmed before the push [s]"""
 
@@ -63,6 +65,7 @@ def _frames(
     inside = np.clip(frames, 0.0, None)
     rotations = Slerp(motion.time, Rotation.from_quat(motion.quaternion))(inside).as_matrix()
     positions = np.stack([np.interp(inside, motion.time, axis) for axis in motion.position.T], axis=1)
+    positions += [*rng.normal(0, HAND_SD, 2), 0.0]
     for number, (time, turned, place) in enumerate(zip(frames, rotations, positions, strict=True)):
         image = render(camera, seen_tags(tags, camera, made.heading_rad, turned, place), rng)
         yield ImageFrame(T0 + round(1e9 * time), number, image)
