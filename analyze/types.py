@@ -1,10 +1,10 @@
-"""Data types that the stages of the analysis pass to each other, from images to the centre of mass.
+"""Data types that the stages of the analysis pass to each other, from images to equi-planes.
 
-Recording -> MarkerTrack -> TipMotion -> EquiPlane -> CentreOfMass; the types of inertia and inner masses,
-which follow from these, are in estimation/mass_properties.py. All are frozen dataclasses. SI units, angles
-in rad. Arrays: the last axis is the vector. Frames: W (world, z up, table z = 0), O (object, the frame of its
-shape file), C (camera, OpenCV: x right, y down, z forward), M (marker), B (calibration board); "sd" is one
-standard deviation, c the centre of mass, log_time the recording's clock.
+Recording -> MarkerTrack -> TipMotion -> EquiPlane; the types of what the strikes give together (centre of
+mass, inertia, inner masses) are in estimation/mass_properties.py. All are frozen dataclasses. SI units,
+angles in rad. Arrays: the last axis is the vector. Frames: W (world, z up, table z = 0), O (object, the frame
+of its shape file), C (camera, OpenCV: x right, y down, z forward), M (marker), B (calibration board); "sd" is
+one standard deviation, c the centre of mass, log_time the recording's clock.
 """
 
 from __future__ import annotations
@@ -349,60 +349,3 @@ class EquiPlane:
     phi_by_turn: Array | None = None
     """(3,) change of phi [rad] on a round rim by 1 sd of the markers' common turn about each axis of O, by
     which the object is put down turned; None where no such error acts"""
-
-
-@dataclass(frozen=True)
-class TableTilt:
-    """Tilt [rad] of the vertical against the table's normal, for one levelling (set-up) of the table.
-
-    It has two components, towards x and y of the world frame W, with covariance and prior sd.
-    """
-
-    lean: Array
-    """(2,) tilt [rad] of the vertical towards W's x (the direction of tipping) and y; the table is higher on
-    that side"""
-    covariance: Array
-    """(2, 2) covariance of `lean` [rad^2]"""
-    prior_sd: Array
-    """(2,) standard deviation [rad] before any strike"""
-
-    @property
-    def sd(self) -> Array:
-        """Standard deviation (2,) [rad] of the vertical's tilt towards x and y of the world frame W."""
-        return np.sqrt(np.diag(self.covariance))
-
-
-@dataclass(frozen=True)
-class CentreOfMass:
-    """Centre of mass c in the object frame O from all strikes used, with covariance.
-
-    The residuals are its distances from the strikes' equi-planes (planes through a pivot line, in which that
-    strike's own balance angle places c).
-    """
-
-    position: Array
-    """(3,) c [m]"""
-    covariance: Array
-    """(3, 3) covariance [m^2]; unobserved directions carry the prior's variance"""
-    observed: bool
-    """True if the strikes determine all three coordinates"""
-    unobserved_direction: Array | None
-    """(3,) unit vector in O of the least certain direction; None if c is observed"""
-    residuals: Array
-    """(strikes,) signed distance of c from each of `planes` [m]"""
-    weights: Array
-    """(strikes,) share of information, sum 1"""
-    distances: Array
-    """(strikes,) distance R of c from the centre lines [m]"""
-    distance_covariance: Array
-    """(strikes, strikes) covariance of R [m^2]"""
-    position_distance_covariance: Array
-    """(3, strikes) covariance of c and R [m^2]"""
-    robust: Array
-    """(strikes,) robust weight: 1 for a strike within its sd, towards 0 for an outlier"""
-    tilts: tuple[TableTilt, ...] = ()
-    """tilt of each levelling of the table"""
-    planes: tuple[EquiPlane, ...] = ()
-    """equi-planes of the strikes, corrected for the estimated tilt of the table"""
-    intervals: Array | None = None
-    """(3, 2) 95 % intervals [m] where a direction of c is open; None where they are 1.96 sd"""

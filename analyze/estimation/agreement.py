@@ -17,9 +17,10 @@ from scipy.special import chdtri, ndtr, ndtri
 
 from analyze.estimation.equiplane import standing_angle
 from analyze.estimation.joint_model import COM, SECOND, JointModel
+from analyze.estimation.mass_properties import CentreOfMass
 from analyze.estimation.paper import PaperCentre
 from analyze.estimation.priors import ComPrior, SystematicErrors
-from analyze.types import CentreOfMass, EquiPlane, MotionFit, TipMotion
+from analyze.types import EquiPlane, MotionFit, TipMotion
 from schemas.strike_result import Verdict
 
 FALSE_ALARM_PROBABILITY = 1e-3

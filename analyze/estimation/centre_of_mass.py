@@ -13,9 +13,10 @@ from analyze.errors import EstimationError
 from analyze.estimation.equiplane import upright_in_gravity
 from analyze.estimation.joint import JointSolution, solve_joint
 from analyze.estimation.joint_model import COM
+from analyze.estimation.mass_properties import CentreOfMass, TableTilt
 from analyze.estimation.posterior import Posterior, linear_posterior
 from analyze.estimation.priors import ComPrior, SystematicErrors
-from analyze.types import Array, CentreOfMass, EquiPlane, TableTilt
+from analyze.types import Array, EquiPlane
 
 UNOBSERVED_FRACTION = 0.15
 """Fraction of the prior's sd above which a direction of c counts as not observed."""

@@ -1,4 +1,4 @@
-"""Data types of the mass properties that strikes give: inertial parameters, masses of shell and interior.
+"""Data types of the estimate from all strikes: centre of mass, inertia, masses of shell and interior.
 
 SI units. Frame O is that of the object's shape file, "sd" one standard deviation, c the centre of mass.
 """
@@ -10,7 +10,64 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from analyze.types import Array, CentreOfMass
+from analyze.types import Array, EquiPlane
+
+
+@dataclass(frozen=True)
+class TableTilt:
+    """Tilt [rad] of the vertical against the table's normal, for one levelling (set-up) of the table.
+
+    It has two components, towards x and y of the world frame W, with covariance and prior sd.
+    """
+
+    lean: Array
+    """(2,) tilt [rad] of the vertical towards W's x (the direction of tipping) and y; the table is higher on
+    that side"""
+    covariance: Array
+    """(2, 2) covariance of `lean` [rad^2]"""
+    prior_sd: Array
+    """(2,) standard deviation of `lean` [rad] before any strike"""
+
+    @property
+    def sd(self) -> Array:
+        """Standard deviation (2,) [rad] of the vertical's tilt towards x and y of the world frame W."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+@dataclass(frozen=True)
+class CentreOfMass:
+    """Centre of mass c in the object frame O from all strikes used, with covariance.
+
+    The residuals are its distances from the strikes' equi-planes (planes through a pivot line, in which that
+    strike's own balance angle places c).
+    """
+
+    position: Array
+    """(3,) c [m], in O"""
+    covariance: Array
+    """(3, 3) covariance of c [m^2]; unobserved directions carry the prior's variance"""
+    observed: bool
+    """True if the strikes determine all three coordinates"""
+    unobserved_direction: Array | None
+    """(3,) unit vector in O of the least certain direction; None if c is observed"""
+    residuals: Array
+    """(strikes,) signed distance of c from each of `planes` [m]"""
+    weights: Array
+    """(strikes,) share of each strike in the information about c, sum 1"""
+    distances: Array
+    """(strikes,) distance R of c from the centre line of each strike's pivot edge [m]"""
+    distance_covariance: Array
+    """(strikes, strikes) covariance of R [m^2]"""
+    position_distance_covariance: Array
+    """(3, strikes) covariance of c and R [m^2]"""
+    robust: Array
+    """(strikes,) robust weight: 1 for a strike within its sd, towards 0 for an outlier"""
+    tilts: tuple[TableTilt, ...] = ()
+    """tilt of each levelling of the table"""
+    planes: tuple[EquiPlane, ...] = ()
+    """equi-planes of the strikes, corrected for the estimated tilt of the table"""
+    intervals: Array | None = None
+    """(3, 2) 95 % intervals of c [m] where a direction of it is open; None where they are 1.96 sd"""
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from analyze.estimation.inertia import inertial_parameters_from_joint, shape_pri
 from analyze.estimation.joint import MomentModel, solve_joint
 from analyze.estimation.labelled_parts import parts_of_bodies, parts_of_cells
 from analyze.estimation.markers import can_subtract, without_markers
-from analyze.estimation.mass_properties import InertialParameters, MassDistribution
+from analyze.estimation.mass_properties import CentreOfMass, InertialParameters, MassDistribution
 from analyze.estimation.part_masses import PartMasses, measured_moments, part_masses
 from analyze.estimation.priors import ComPrior, Scale
 from analyze.estimation.profile import profiled_posterior
@@ -60,7 +60,7 @@ from analyze.pipeline.shells import region_masses
 from analyze.pipeline.surface_error import SurfaceError, with_surface_error
 from analyze.pipeline.too_few import too_few_text
 from analyze.pipeline.what_ifs import estimate_alternatives
-from analyze.types import CentreOfMass, EquiPlane, TipMotion
+from analyze.types import EquiPlane, TipMotion
 from schemas.strike_result import Verdict
 
 if TYPE_CHECKING:

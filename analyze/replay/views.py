@@ -8,19 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from analyze.estimation.mass_properties import CentreOfMass
 from analyze.geometry.rotations import matrix_from_vector
 from analyze.motion.settings import MotionSettings
 from analyze.motion.sign_change import angular_acceleration
 from analyze.result.document import result_document
-from analyze.types import (
-    Array,
-    CentreOfMass,
-    EquiPlane,
-    IntArray,
-    MotionFit,
-    TipAngle,
-    TipMotion,
-)
+from analyze.types import Array, EquiPlane, IntArray, MotionFit, TipAngle, TipMotion
 from schemas.result import Result
 from schemas.strike_plan import PlannedStrike
 

@@ -12,8 +12,8 @@ from analyze.least_squares.intervals import SIGMAS_95
 from schemas.quantity import Quantity
 
 if TYPE_CHECKING:
-    from analyze.estimation.mass_properties import InertialParameters
-    from analyze.types import Array, CentreOfMass, MotionFit
+    from analyze.estimation.mass_properties import CentreOfMass, InertialParameters
+    from analyze.types import Array, MotionFit
 
 
 def quantity(

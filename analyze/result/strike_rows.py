@@ -18,14 +18,10 @@ from schemas.strike_result import AlternativeFit, PredictionResult, StrikeResult
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from analyze.estimation.mass_properties import CentreOfMass
     from analyze.estimation.priors import Scale
     from analyze.pipeline.prediction import StrikePrediction
-    from analyze.types import (
-        CentreOfMass,
-        EquiPlane,
-        MotionFit,
-        TipMotion,
-    )
+    from analyze.types import EquiPlane, MotionFit, TipMotion
     from schemas.strike_plan import PlannedStrike
 
 

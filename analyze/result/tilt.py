@@ -12,8 +12,8 @@ from schemas.quantity import Quantity
 from schemas.result import Result, TableTilt
 
 if TYPE_CHECKING:
+    from analyze.estimation.mass_properties import CentreOfMass
     from analyze.pipeline.evidence import Evidence
-    from analyze.types import CentreOfMass
 
 MEASURED_FRACTION = 0.5
 """fraction of its prior sd below which the sd of a table tilt counts as measured by the strikes"""

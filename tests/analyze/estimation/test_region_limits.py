@@ -14,7 +14,7 @@ import pytest
 from scipy.optimize import linprog
 
 from analyze.estimation.cells import cells_from_voxels
-from analyze.estimation.mass_properties import AxisInertia, InertialParameters, MassDistribution
+from analyze.estimation.mass_properties import AxisInertia, CentreOfMass, InertialParameters, MassDistribution
 from analyze.estimation.plane_chains import plane_posterior
 from analyze.estimation.region_limits import RegionBounds
 from analyze.estimation.region_problem import RegionProblem
@@ -22,7 +22,7 @@ from analyze.estimation.share_bounds import SharePolytope
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.geometry.voxels import voxelise
 from analyze.pipeline.shells import limiting_walls, possible_shells, region_masses
-from analyze.types import Array, CentreOfMass
+from analyze.types import Array
 from schemas.object_spec import Box, MarkerSpec, ObjectSpec, Shape
 
 DIRECTIONS = np.vstack([np.eye(3), np.array([[1, 1, 0], [1, 0, 1], [0, 1, 1]]) / math.sqrt(2)])

@@ -5,12 +5,11 @@ import pytest
 
 from analyze.estimation.cells import cells_from_voxels, moments_about
 from analyze.estimation.equiplane import equiplane_from_fit
-from analyze.estimation.mass_properties import AxisInertia, InertialParameters
+from analyze.estimation.mass_properties import AxisInertia, CentreOfMass, InertialParameters
 from analyze.estimation.paper import paper_regions
 from analyze.estimation.region_masses import mass_distribution
 from analyze.geometry.object_model import load_object_model
 from analyze.geometry.voxels import voxelise
-from analyze.types import CentreOfMass
 from schemas.object_spec import Box, MarkerSpec, ObjectSpec, Shape
 from tests.analyze.estimation.bodies import SIX_AXES, box_body, fit_of, planned_strike, tip
 

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from analyze.estimation.centre_of_mass import centre_of_mass
+from analyze.estimation.mass_properties import CentreOfMass
 from analyze.estimation.priors import ComPrior
 from analyze.pipeline.equiplanes import equiplanes, systematic_errors
 from analyze.pipeline.evidence import Evidence
-from analyze.types import CentreOfMass, TipMotion
+from analyze.types import TipMotion
 from schemas.document import sha256_text
 from schemas.strike_result import Verdict
 from tests.analyze.estimation.bodies import fit_of, planned_strike, tip
