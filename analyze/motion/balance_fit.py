@@ -32,7 +32,7 @@ import numpy as np
 
 from analyze.least_squares.levenberg_marquardt import with_differences
 from analyze.least_squares.robust import correlation_factor, median_scale
-from analyze.motion.edge_offset import displacement_per_offset
+from analyze.motion.edge_offset import displacement_per_error
 from analyze.motion.pendulum_fit import Sample, cut_sample, fit_model, motion_fit
 from analyze.motion.pendulum_motion import G
 from analyze.motion.runge_kutta import runge_kutta_state
@@ -77,8 +77,8 @@ def moment_balance(
         radius: radius of the edge's rounding [m].
         phi: first guess of the balance angle phi [rad], for a motion unlike that of a hinge (edge in place);
             None to take the guess from theta(t).
-        offset_covariance: (2, 2) covariance [m^2] of the edge's assumed position along and off the table;
-            None if the position is exact.
+        offset_covariance: (3, 3) covariance [m^2] of the edge's assumed position along and off the table, and
+            of its radius; None if they are exact.
 
     Returns:
         The fit, with estimator "moment_balance": balance angle phi [rad], rate k [rad/s^2] (for an edge in
@@ -106,7 +106,7 @@ def moment_balance(
         lambda sets: driven_theta(sample.time, sets, slip, lift, radius), _DIFFERENTIATION_STEPS
     )
     fitted = fit_model(sample, model, sample.guess)
-    offset = np.zeros((2, 2)) if offset_covariance is None else offset_covariance
+    offset = np.zeros((3, 3)) if offset_covariance is None else offset_covariance
     covariance = _covariance(
         sample,
         fitted.parameters,
@@ -151,8 +151,8 @@ def _covariance(
         jacobian: (n, 4) derivatives of theta by them.
         residual: (n,) measured minus fitted theta [rad].
         edge: slip (n,) [m], lift (n,) [m], radius of the rounding [m].
-        known: (n, 3, 3) covariance of theta, slip, lift in every frame [rad, m]; (2, 2) covariance of the
-            edge's position [m^2].
+        known: (n, 3, 3) covariance of theta, slip, lift in every frame [rad, m]; (3, 3) covariance of the
+            edge's position and radius [m^2].
     """
     n = len(sample.time)
     (slip, lift, radius), (frames, offset) = edge, known
@@ -169,7 +169,7 @@ def _covariance(
     )
     # One product of matrices: the triple sum took ten seconds for a strike at 960 frames a second.
     noise = np.einsum("ija,jab->ijb", effect, frames).reshape(n, -1) @ effect.reshape(n, -1).T
-    misplaced = displacement_per_offset(sample.theta) - displacement_per_offset(sample.theta[:1])
+    misplaced = displacement_per_error(sample.theta) - displacement_per_error(sample.theta[:1])
     by_offset = np.einsum("ija,jac->ic", effect[..., 1:], misplaced)
     scale = np.array([0.1, 20.0, 0.02, 0.2])
     weighted = jacobian * scale / sample.sd[:, None]

@@ -3,6 +3,7 @@
 The camera measures the motion of the point that is assumed to be the edge. If that point is off the true edge
 by d, rotation alone moves it by (R(theta) - 1) d, with R(theta) the rotation by the tipping angle theta: a
 registration error, not sliding. The vertical part of this motion determines d, whose effect is then removed.
+An edge whose radius is larger than assumed by e rolls by e theta farther: no sliding either.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.least_squares.robust import huber_weights, median_scale
-from analyze.motion.edge_offset import displacement_per_offset, fit_creeping
+from analyze.motion.edge_offset import displacement_per_error, displacement_per_offset, fit_creeping
 
 if TYPE_CHECKING:
     from analyze.motion.tip_angle import PlanarMotion
@@ -28,6 +29,11 @@ Without a marker's place the edge is assumed where the hand was to put it, in th
 _MAX_OFFSET_SIGMAS = 3.0
 """largest offset, in its standard deviations before the measurement; a larger one is a lift, unless rotation
 explains all observed motion, also along the table"""
+_RADIUS_SD, _HELD_RADIUS_SD = 1e-4, 5e-4
+"""standard deviation [m] of the edge's assumed radius where it slides, so that its motion does not show the
+radius; and where it is held, so that its motion does"""
+_MAX_RADIUS_ERROR = 2e-3
+"""largest error of the assumed radius [m]; a body in flight drifts as if it rolled on a larger one"""
 _MAX_UNEXPLAINED = 6e-5
 """largest slip or lift [m] that a held edge may leave unexplained by rotation"""
 _LIFT_MODEL_SD = 3e-5
@@ -60,9 +66,10 @@ class EdgeMotion:
     lift_range: float
     """range of the height over the table, less that of noise [m]"""
     offset: Array
-    """(2,) offset of the true edge from the assumed one at rest, along and off the table [m]"""
+    """(3,) offset of the true edge from the assumed one at rest, along and off the table, and its radius
+    beyond the assumed one [m]"""
     offset_covariance: Array
-    """(2, 2) covariance of `offset` [m^2]"""
+    """(3, 3) covariance of `offset` [m^2]"""
 
 
 def edge_motion(motion: PlanarMotion, window: tuple[int, int]) -> EdgeMotion:
@@ -74,8 +81,8 @@ def edge_motion(motion: PlanarMotion, window: tuple[int, int]) -> EdgeMotion:
             corrected.
 
     Returns:
-        The corrected motion, the ranges of its slip and lift in the window [m], and the offset (2,) of the
-        true edge from the assumed one at rest, along and off the table [m], with covariance (2, 2) [m^2].
+        The corrected motion, the ranges of its slip and lift in the window [m], and the errors (3,) of the
+        assumed edge with covariance (3, 3): its offset along and off the table, and its radius [m].
     """
     angle = motion.angle
     used = slice(*window)
@@ -152,35 +159,40 @@ def _lift_above_most(theta: Array, lift: Array, sd: Array, offset_sd: float) -> 
 def _corrected(motion: PlanarMotion, used: slice, offset: Array, covariance: Array, sd: Array) -> EdgeMotion:
     """Motion of the true pivot edge, from that of the assumed edge, which lies beside it.
 
-    While the object tips, the assumed edge turns about the true one. That displacement is subtracted from its
-    slip (along the table) and lift (off it).
+    While the object tips, the assumed edge turns about the true one, which rolls on its own radius. These
+    displacements are subtracted from slip (along the table) and lift (off it).
 
     Args:
         motion: the motion with slip and lift of the assumed edge.
         used: slice of the frames over which the ranges of slip and lift are taken; all frames are corrected.
-        offset: (2,) offset at rest of the assumed edge from the true one, along and off the table [m].
-        covariance: (2, 2) its covariance [m^2].
+        offset: (3,) offset at rest of the assumed edge from the true one, along and off the table, and radius
+            of the true edge beyond the assumed one [m].
+        covariance: (3, 3) its covariance [m^2].
         sd: standard deviation of slip and lift in each of the frames `used` [m].
 
     Returns:
-        The corrected motion, with the ranges of its slip and lift [m]. Its `offset` is that of the true edge
-        from the assumed one, the negative of the argument.
+        The corrected motion, with the ranges of its slip and lift [m]. Its `offset` along and off the table
+        is that of the true edge from the assumed one, the negative of the argument.
     """
     angle = motion.angle
-    along, off = (displacement_per_offset(angle.theta) @ offset).T
+    along, off = (displacement_per_error(angle.theta) @ offset).T
     slip, lift = angle.slip - along, motion.lift - off
     corrected = replace(motion, angle=replace(angle, slip=slip), lift=lift)
     return EdgeMotion(
-        corrected, smooth_range(slip[used], sd), max(0.0, smooth_range(lift[used], sd)), -offset, covariance
+        corrected,
+        smooth_range(slip[used], sd),
+        max(0.0, smooth_range(lift[used], sd)),
+        offset * [-1.0, -1.0, 1.0],
+        covariance,
     )
 
 
 def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array, offset_sd: float) -> tuple[Array, Array]:
-    """Offset (2,) [m] of the assumed edge from the true, sliding one, and its covariance (2, 2) [m^2].
+    """Errors (3,) [m] of the assumed edge against the true, sliding one, and their covariance (3, 3) [m^2].
 
-    Its components, at rest, are horizontal in the direction of the tip, then upwards. It follows from the
-    lift alone, with a prior of 0. An offset of three times its standard deviation or more is taken for a real
-    lift: then the prior itself is returned.
+    They are the offset at rest, horizontal in the direction of the tip, then upwards; and the radius, which
+    sliding hides: 0 within 0.1 mm. The offset follows from the lift alone, with a prior of 0. An offset of
+    three times its standard deviation or more is taken for a real lift: then the prior itself is returned.
 
     Args:
         theta: (n,) tipping angle [rad].
@@ -192,21 +204,21 @@ def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array, offset_sd: flo
     kept = on_table if np.count_nonzero(on_table) >= _NEIGHBOURS else np.ones(len(theta), dtype=bool)
     rows = displacement_per_offset(theta[kept])[None, :, 1]
     found = fit_creeping(theta[kept], rows, lift[None, kept], sd[kept], np.full(2, offset_sd))
+    errors, covariance = np.zeros(3), np.diag([offset_sd**2, offset_sd**2, _RADIUS_SD**2])
     # An implausibly large offset is a lift: then the prior's offset is kept.
-    return (
-        (found.parameters, found.covariance)
-        if float(np.linalg.norm(found.parameters)) < _MAX_OFFSET_SIGMAS * offset_sd
-        else (np.zeros(2), np.eye(2) * offset_sd**2)
-    )
+    if float(np.linalg.norm(found.parameters)) < _MAX_OFFSET_SIGMAS * offset_sd:
+        errors[:2], covariance[:2, :2] = found.parameters, found.covariance
+    return errors, covariance
 
 
 def _offset_of_held_edge(theta: Array, slip: Array, lift: Array, sd: Array) -> tuple[Array, Array] | None:
-    """Offset (2,) [m] of the followed point from the true edge, if that stayed in place; its covariance.
+    """Errors (3,) [m] of the assumed edge, if the true one stayed in place or rolled; their covariance.
 
-    The followed point is where the edge was assumed to be on the object. The offset is along and off the
-    table at rest, its covariance (2, 2) in m^2. None if rotation about a fixed edge leaves more than 0.06 mm
-    of slip or lift beyond noise, or with fewer than ten frames. The offset may exceed three sd, for example
-    with a tag whose place is unknown, or that is not printed to scale.
+    They are the offset of the followed point, where the edge was assumed to be on the object, along and off
+    the table at rest, and the radius of the true edge beyond the assumed one; the covariance (3, 3) is in
+    m^2. None if rotation about an edge that only rolls leaves more than 0.06 mm of slip or lift beyond noise,
+    if its radius would be 2 mm off, or with fewer than ten frames. The offset may exceed three sd, for
+    example with a tag whose place is unknown, or that is not printed to scale.
 
     Args:
         theta: (n,) tipping angle [rad].
@@ -214,26 +226,20 @@ def _offset_of_held_edge(theta: Array, slip: Array, lift: Array, sd: Array) -> t
         lift: (n,) its displacement off the table [m].
         sd: (n,) standard deviation of slip and lift [m].
     """
-    moved, still = displacement_per_offset(theta), np.zeros(len(theta))
-    off_table = np.concatenate([moved[:, 1], still[:, None]], axis=1)
-    along = np.concatenate([moved[:, 0], still[:, None] + 1.0], axis=1)
-    rows, seen, weight = (
-        np.concatenate([off_table, along]),
-        np.concatenate([lift, slip]),
-        1.0 / np.tile(sd, 2),
-    )
-    rows = rows * weight[:, None]
-    found = np.linalg.lstsq(rows, seen * weight, rcond=None)[0]
-    left_lift, left_slip = np.split(seen - rows / weight[:, None] @ found, 2)
-    held = (
-        len(theta) >= 2 * _NEIGHBOURS
-        and max(smooth_range(left_lift, sd), smooth_range(left_slip, sd)) < _MAX_UNEXPLAINED
-    )
-    if not held:
+    if len(theta) < 2 * _NEIGHBOURS:
         return None
-    displaced = np.stack([along, off_table])
-    covariance = fit_creeping(theta, displaced, np.stack([slip, lift]), sd, np.full(3, np.inf)).covariance
-    return np.asarray(found[:2], dtype=np.float64), covariance[:2, :2]
+    # Besides the three errors, a displacement along the table before the window.
+    before = np.stack([np.ones_like(theta), np.zeros_like(theta)])[..., None]
+    rows = np.concatenate([displacement_per_error(theta).transpose(1, 0, 2), before], axis=2)
+    seen, prior = np.stack([slip, lift]), np.array([np.inf, np.inf, _HELD_RADIUS_SD, np.inf])
+    weighted = np.concatenate([(rows / sd[:, None]).reshape(-1, 4), np.diag(1.0 / prior)])
+    targets = np.concatenate([(seen / sd).ravel(), np.zeros(4)])
+    found = np.asarray(np.linalg.lstsq(weighted, targets, rcond=None)[0], dtype=np.float64)
+    unexplained = max(smooth_range(each, sd) for each in seen - rows @ found)
+    if unexplained >= _MAX_UNEXPLAINED or abs(found[2]) > _MAX_RADIUS_ERROR:
+        return None
+    covariance = fit_creeping(theta, rows, seen, sd, prior).covariance
+    return found[:3], covariance[:3, :3]
 
 
 def smooth_range(values: Array, sd: Array) -> float:

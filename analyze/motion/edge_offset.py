@@ -50,6 +50,16 @@ def displacement_per_offset(theta: Array) -> Array:
     return np.stack([np.stack([turned, sin], axis=-1), np.stack([-sin, turned], axis=-1)], axis=-2)
 
 
+def displacement_per_error(theta: Array) -> Array:
+    """Displacement (n, 2, 3) of a point by rotations theta (n,) [rad], per metre of three errors of the edge.
+
+    Rows: displacement along and off the table; columns: the point's offset from the edge along and off the
+    table, and the edge's radius beyond the assumed one, on which it rolls farther than was subtracted.
+    """
+    rolled = np.stack([theta, np.zeros_like(theta)], axis=-1)
+    return np.concatenate([displacement_per_offset(theta), rolled[..., None]], axis=-1)
+
+
 @dataclass(frozen=True)
 class CreepFit:
     """Result of fitting a pivot line's displacements by a linear model and a smooth motion of its own."""
