@@ -26,7 +26,7 @@ MARKER_PLACE_SD, MARKER_TURN_SD = 3e-4, math.radians(0.3)
 """standard deviations of a marker's stated place on the object [m] and of its turn there [rad], where the
 object file does not give them"""
 TENSOR_ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-"""indices of the six entries of a symmetric tensor, in the order of every list and table of them"""
+"""indices of the six entries of a symmetric tensor, in the order of every list and table of such entries"""
 
 
 def tensor_entry_name(entry: tuple[int, int]) -> str:
@@ -68,9 +68,9 @@ class Marker:
     T_object_marker: Array | None
     """(4, 4) pose of M in O, translation in m; None if unknown"""
     place_sd: float = MARKER_PLACE_SD
-    """standard deviation [m] of its centre in O, where the pose is known"""
+    """standard deviation [m] of the marker's centre in O, where the pose is known"""
     turn_sd: float = MARKER_TURN_SD
-    """standard deviation [rad] of its rotation in O, where the pose is known"""
+    """standard deviation [rad] of the marker's rotation in O, where the pose is known"""
 
 
 @dataclass(frozen=True)

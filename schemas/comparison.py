@@ -106,7 +106,7 @@ class Comparison(Document):
     object: str
     """name of the object"""
     object_sha256: str
-    """identity of the object, see `object_sha256` of schemas/object_spec.py"""
+    """SHA-256 of the object's specification and shape file, which identifies it"""
     software: str
     """program and version that compared"""
     verdict: list[str] = Field(description="sentences that begin with trust, doubt or repeat")

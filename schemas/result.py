@@ -291,7 +291,7 @@ class ResultInputs(SparseDocument):
     content_id: str
     """hash of the recording's messages"""
     object_sha256: str
-    """identity of the object, see `object_sha256`"""
+    """SHA-256 of the object's specification and shape file, which identifies it"""
     plan_sha256: str
     """SHA-256 of the strike plan's text"""
     configuration_sha256: str

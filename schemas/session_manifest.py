@@ -160,7 +160,7 @@ class SessionManifest(Document):
     """name of the rig; empty for an imported recording"""
     object: ObjectSpec
     object_sha256: str
-    """identity of the object, see `object_sha256`"""
+    """SHA-256 of the object's specification and shape file, which identifies it"""
     plan_sha256: str
     """SHA-256 of the strike plan's text"""
     hashes: dict[str, str] = Field(default={}, description="attachment name -> sha256")

@@ -145,7 +145,7 @@ class PredictedMoment(Document):
 
     axis_id: str
     i_com_sd_kg_m2: float = Field(ge=0)
-    """1 sigma of the moment"""
+    """1 sigma of the moment of inertia about the parallel to the edge through c [kg m^2]"""
     determined: bool = Field(
         description="true if the strikes determine it clearly better than the shape alone"
     )

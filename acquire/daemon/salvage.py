@@ -29,7 +29,7 @@ class Salvaged:
     frames: int
     """frames in the complete files"""
     lost: int
-    """frames lost in them, and up to the first frame of the next file"""
+    """frames lost in `files`, and up to the first frame of the next file"""
     text: str
     """report for the log and for people"""
 

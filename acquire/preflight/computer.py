@@ -38,7 +38,7 @@ class PortState:
     group: str
     """name of the group that owns the file, or its number if it has no name"""
     in_use: bool
-    """True if a program holds a lock on it (flock, or the lock file of a running program)"""
+    """True if a program holds a lock on the port (flock, or the lock file of a running program)"""
 
 
 @dataclass(frozen=True)

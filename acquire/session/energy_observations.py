@@ -68,7 +68,7 @@ class Observation:
     value: float
     """measured value or bound"""
     sd: float
-    """standard deviation of the value"""
+    """standard deviation of `value`, in its unit"""
     log_speed: float
     """ln of the reached tip speed in m/s"""
 

@@ -81,7 +81,7 @@ class Calibration:
     corners_dropped: int
     """number of single corners that were left out of the views used"""
     pixels: PixelMap
-    """standard deviation of the pixel to which a direction projects, over the image"""
+    """standard deviation [px] of the pixel to which a direction projects, over the image"""
     covered: Coverage
     """coverage of the image by corners"""
     tilts: tuple[float, ...]

@@ -25,7 +25,7 @@ class CommonPoint:
     point: Array
     """(3,) the point [m], in the object frame O."""
     miss: float
-    """Largest distance of an edge's centre line from it [m]."""
+    """Largest distance of an edge's centre line from `point` [m]."""
     edges: int
     """Number of edges."""
 

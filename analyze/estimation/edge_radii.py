@@ -41,7 +41,7 @@ class EdgeRadius:
     value: float
     """estimated radius [m]; may come out negative within its sd"""
     sd: float
-    """standard deviation [m]"""
+    """standard deviation of `value` [m]"""
     prior: RadiusPrior
     """knowledge before the strikes"""
 
@@ -55,7 +55,7 @@ class RadiusCheck:
     stated_sd: float
     """1 sigma of `stated` [m]."""
     measured: float
-    """Mean radius of the same edges by the strikes, with the prior of radii that are not given [m]."""
+    """Mean radius [m] of the edges compared, by the strikes with the prior of radii that are not given."""
     measured_sd: float
     """1 sigma of `measured` [m]."""
     difference_sds: float

@@ -87,7 +87,7 @@ class KnownDensity:
     value: float
     """Density [kg/m^3]."""
     sd: float
-    """1 sigma [kg/m^3]."""
+    """1 sigma of the density [kg/m^3]."""
 
 
 @dataclass(frozen=True)

@@ -169,7 +169,7 @@ class MassDistribution:
     dividing_plane_offset: float
     """offset of the dividing plane from O's origin along its normal [m]"""
     dividing_plane_offset_interval: tuple[float, float]
-    """95 % interval of the offset [m]"""
+    """95 % interval of `dividing_plane_offset` [m]"""
     baselines: dict[str, Array]
     """masses of the regions (n,) [kg] by naive assumptions (such as one density throughout), by the
     assumption's name"""

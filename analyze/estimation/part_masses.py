@@ -75,7 +75,7 @@ class MeasuredMoments:
     directions: Array
     """(a, 3) unit directions of the axes through c, in O."""
     moments: Array
-    """(a,) moments of inertia about these axes [kg m^2]."""
+    """(a,) moments of inertia about the axes in `directions` [kg m^2]."""
     covariance: Array
     """(4 + a, 4 + a) covariance of mass, c and the moments, in this order."""
 

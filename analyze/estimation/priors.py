@@ -17,9 +17,9 @@ class TiltPrior:
     """
 
     lean: tuple[float, float]
-    """Mean [rad]."""
+    """Mean of the lean towards W's x and y [rad]."""
     sd: tuple[float, float]
-    """1 sigma [rad]."""
+    """1 sigma of the lean towards W's x and y [rad]."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,8 @@ class SystematicErrors:
     other_tilt_sds: tuple[float, ...] = ()
     """`gravity_tilt_sd` [rad] of levellings 1, 2, ... (`EquiPlane.level`): each table has its own tilt."""
     readings: tuple[TiltPrior | None, ...] = ()
-    """Readings of a level for levellings 0, 1, ...; None or missing: 0 within the sd above."""
+    """Leans read off a level for levellings 0, 1, ...; None or missing: a lean of 0 within the sd assumed for
+    that levelling."""
 
     def tilts(self) -> list[TiltPrior]:
         """Prior of the vertical's lean for every levelling of the table, in the order of their numbers.

@@ -260,7 +260,7 @@ class _Programme:
     """(3, n) coordinates of the places along the principal directions of the covariance of c, the centre of
     mass [m]."""
     com: Array
-    """(3, 2) lower and upper bounds of c along these directions [m]."""
+    """(3, 2) lower and upper bounds of c [m] along the principal directions of its covariance."""
 
     def extreme(self, tolerance: Array, sign: float) -> float | None:
         """Smallest or largest s = 1 / r^2 for which some distribution of the mass explains all strikes.

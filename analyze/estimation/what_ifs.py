@@ -28,7 +28,7 @@ EXPLAINED_SIGMAS = 4.0
 """Largest change that the loss of data explains, over the uncertainty that the loss adds: the root of the
 difference of the variances without and with these data."""
 WIDER = 2.0
-"""Factor on the sd of tilt and shape in the alternatives about them."""
+"""Factor on the sd of tilt and shape in the alternatives that widen them."""
 MAX_LEFT_OUT = 6
 """Largest number of strikes that are left out in turn: those that linear propagation says move c most."""
 

@@ -28,7 +28,7 @@ _OVERLAP_PROBES = 4000
 _MIN_OVERLAP = 1e-3
 """Common volume of two bodies, over the smaller one's, up to which it is neglected."""
 _SAME_VOLUME = 1e-6
-"""Relative difference of two volumes below which a shell counts as no larger than the other."""
+"""Relative difference of the volumes of two shells below which neither counts as the larger one."""
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ MAX_RESIDUAL_SDS = 3.0
 RADIUS_ERROR, RADIUS_ERROR_FRACTION = 3e-5, 0.05
 """1 sigma of a radius beyond the noise of the points, as roundings are no perfect arcs: [m], and relative."""
 ON_EDGE_FRACTION = 1e-3
-"""Distance from an edge, over the extent, up to which a point of the hull belongs to it."""
+"""Distance from an edge, over the cloud's extent, up to which a point of the hull belongs to it."""
 
 
 @dataclass(frozen=True, eq=False)

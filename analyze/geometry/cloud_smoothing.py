@@ -23,7 +23,7 @@ MAX_SMOOTHED = 1500
 MIN_NEIGHBOURS, MAX_NEIGHBOURS = 24, 400
 """Smallest and largest number of points of the patch to which a smoothing quadric is fitted."""
 MIN_HOLLOW_DEPTH = 0.01
-"""Depth of a point below the hull, over the extent, above which it lies in a hollow."""
+"""Depth of a point below the hull, over the cloud's extent, above which it lies in a hollow."""
 POINTS_AT_A_TIME = 1000
 """Points projected on all directions at a time: as many as the caches hold."""
 

@@ -39,17 +39,18 @@ STRAY_DISTANCE_RATIO = 8.0
 MIN_CLUMP_SHARE = 0.02
 """Fraction of the points below which a separate clump is stray."""
 MAX_ROUNDING_FRACTION = 0.02
-"""Distance of a rounded corner from the virtual one, over the extent, up to which points support it."""
+"""Distance of a rounded corner from the virtual one, over the cloud's extent, up to which points support
+it."""
 EDGE_STEPS = 60
 """Steps along an edge at which its support by points is examined."""
 ON_PLANE_FRACTION = 1e-6
-"""Distance from a plane, over the extent, up to which a vertex lies on it."""
+"""Distance from a plane, over the cloud's extent, up to which a vertex lies on it."""
 DEPTH_SAMPLES = 4000
 """Number of points whose depth below the hull is measured."""
 EXTRAPOLATED_SDS = 0.25
 """1 sigma of an edge to which a wall was extrapolated, over the noise."""
 MIN_TABLE_MARGIN = 0.05
-"""Smallest distance, over the extent, by which a table extends beyond the object on it."""
+"""Smallest distance, over the cloud's extent, by which a table extends beyond the object on it."""
 OUTLINE_GAP_SPACINGS = 0.5
 """Distance of a face's outermost points from its true outline, over the spacing."""
 MIN_TABLE_SHARE = 0.15
@@ -75,7 +76,7 @@ class CloudSurface:
     hollow_share: float
     """Fraction of the points in hollows: deeper below the hull than 4 sd and `MIN_HOLLOW_DEPTH`."""
     hollow_depth: float
-    """99 % quantile of the depth of these points [m]; 0 if there are none."""
+    """99 % quantile of the depth of the points in hollows [m]; 0 if there are none."""
     scanned: ScannedSurface
     """Parts of the surface with and without points nearby."""
     table_overhang: float

@@ -18,7 +18,7 @@ FLAT_HOLE = 0.01
 ROUGH_HOLE = 0.05
 """Deviation of a ragged rim, as at a scan's end, up to which the hole is closed over its projection."""
 SMALL_HOLE = 0.10
-"""Width of a hole, over the extent, up to which it is closed whatever its shape."""
+"""Width of a hole, over the mesh's extent, up to which it is closed whatever its shape."""
 MAX_HOLES = 200
 """Largest number of holes that are closed."""
 

@@ -33,7 +33,7 @@ PROBES = 4000
 MAX_MULTIPLE_SHARE = 0.002
 """Largest fraction of the volume that may have a winding number other than 1."""
 CRACK = 1e-5
-"""Distance over the extent up to which vertices of open edges are merged."""
+"""Distance, over the mesh's extent, up to which vertices of open edges are merged."""
 
 
 @dataclass(frozen=True)

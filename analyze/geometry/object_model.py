@@ -44,7 +44,7 @@ LINE_SD = 5e-5
 REPORTED_BARE_SHARE = 0.01
 """Fraction of a cloud's surface without points above which it is reported."""
 REPORTED_HOLLOW_SHARE = 0.02
-"""Fraction of a cloud's points in hollows above which it is reported."""
+"""Fraction of a cloud's points that lie in hollows above which it is reported to the user."""
 MIN_BODY_PLANES = 4
 """Smallest number of planes that can bound a body."""
 REPORTED_SCATTER = 3e-4

@@ -10,7 +10,8 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 _MIN_UNSHARED = 1e-3
-"""Share of the information about a quantity that other groups must at least have."""
+"""Smallest share of the information about a quantity that is attributed to the other groups, to bound a
+group's errors."""
 
 
 def jackknife_covariance(without: Array) -> Array:

@@ -93,7 +93,7 @@ class BalancedBody:
     covariance: Array
     """(10, 10) covariance of (c, J_c as xx yy zz xy xz yz, rounding)"""
     freedom: Array
-    """(10,) degrees of freedom of the variances of these ten"""
+    """(10,) degrees of freedom of the variances of c, inertia and rounding, in the order of `covariance`"""
     contacts: int
     """number of contacts"""
     explained: float

@@ -31,8 +31,8 @@ face"""
 SAME_FACE_COSINE = float(np.cos(np.radians(1.0)))
 """cosine of the angle up to which two normals are those of one face"""
 MAX_SKEW, MIN_FACET_SLOPE = 0.05, 0.17
-"""facets of a rounding: largest cosine of the angle between normal and edge, and smallest cosine of that
-between normal and each of the directions down and forward"""
+"""Conditions for a facet of an edge's rounding: largest cosine of the angle between its normal and the edge,
+and smallest cosines of those between its normal and the directions down and forward."""
 MIN_CUT_OFF = 0.2
 """height of a sharp corner over a facet of its rounding, over the radius (0.41 for a quarter circle), from
 which on the rounding is part of the shape"""

@@ -23,9 +23,9 @@ class SurfaceError:
     """Standard deviation of the places of the shape's faces, where the object file does not state it."""
 
     assumed: float
-    """1 sigma [m] before any strike"""
+    """1 sigma of a face's place before any strike [m]"""
     estimated: float
-    """1 sigma [m] given the strikes, which the estimate uses"""
+    """1 sigma of a face's place given the strikes [m], which the estimate uses"""
 
 
 def with_surface_error(

@@ -35,7 +35,7 @@ class MarkerPlace:
     covariance: Array
     """(6, 6) covariance of its turn in O [rad] and its centre in O [m]"""
     strikes: tuple[str, ...]
-    """ids of the used strikes that show it"""
+    """ids of the used strikes that show the marker"""
     rms_px: float
     """rms residual of its corners [px]"""
     on_surface: bool
@@ -43,7 +43,7 @@ class MarkerPlace:
     undetermined: tuple[str, ...]
     """undetermined directions in O, in words; empty if there are none"""
     remedy: str = ""
-    """action that would determine these directions; empty if all are determined"""
+    """action that would determine the undetermined directions; empty if all are determined"""
 
     @property
     def turn_sd(self) -> float:

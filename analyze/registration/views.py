@@ -72,7 +72,7 @@ class StrikeView:
     rolls: bool
     """True if the edge is a round rim, whose touching point is unknown"""
     ideal: Array
-    """(f, m, 4, 2) corners [ideal px]"""
+    """(f, m, 4, 2) corners of m markers in f frames [ideal px]"""
     sd: Array
     """(f, m) standard deviation of a corner [px], infinite if the marker was not seen"""
     theta: Array

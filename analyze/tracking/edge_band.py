@@ -31,7 +31,7 @@ class EdgeBand:
     corners_ideal: Array
     """(4, 2) corners of the square around which the band lies [ideal px]"""
     corners_raw: Array
-    """(4, 2) these corners [raw px]"""
+    """(4, 2) corners of the same square in the distorted image [raw px]"""
     index: IntArray
     """(4, s) index of the pixels in the image, row by row"""
     t: Array

@@ -34,11 +34,11 @@ class MarkerPath:
     time_ns: list[int] = field(default_factory=list)
     """log times of the frames in which it was found [ns]"""
     corners_raw: list[Array] = field(default_factory=list)
-    """(4, 2) corners in each of them [raw px]"""
+    """(4, 2) corners in each frame of `time_ns` [raw px]"""
     corners_ideal: list[Array] = field(default_factory=list)
-    """(4, 2) corners in each of them [ideal px]"""
+    """(4, 2) corners in each frame of `time_ns` [ideal px]"""
     sd: list[float] = field(default_factory=list)
-    """standard deviation of the corners in each of them [px]"""
+    """standard deviation of the corners in each frame of `time_ns` [px]"""
     missed: int = 0
     """number of frames since it was last found"""
     fit: SquareFit | None = None

@@ -117,7 +117,7 @@ def test_wall_clock_steps_by_an_hour(rig: FaultRig) -> None:
     anchor = rig.open_recording(client)
     begun_ns = time.monotonic_ns()
     errors = []
-    """of the contact's time, and their stated sd [ms]"""
+    """errors of the contact's time and their stated standard deviations [ms]"""
     for step in (3600, -3600):
         rig.cocked(client)
         client.call("window.open")

@@ -149,7 +149,7 @@ def radius_deviations(planes, errors: SystematicErrors, truth: float) -> list[fl
 
 
 def test_unlikely_statement_that_is_not_refuted_counts_as_less_certain():
-    """1.0 ± 0.1 mm stated where 0.6 is true: at the limit of what six axes refute."""
+    """A radius of 1.0 ± 0.1 mm is stated where 0.6 mm is true: at the limit of what six axes refute."""
     before, after, unrefuted = [], [], 0
     for seed in range(20):
         planes, errors = session(seed, 6e-4)
@@ -176,7 +176,7 @@ def test_right_statement_mostly_keeps_its_sd():
 
 
 def test_wide_statement_covers_edges_that_differ():
-    """0.3 and 2 mm where 1.15 ± 0.85 mm is stated."""
+    """Edges of 0.3 and 2 mm have a stated radius of 1.15 ± 0.85 mm."""
     axes = [planned_strike(BODY, *axis).axis_id for axis in SIX_AXES]
     rng = np.random.default_rng(4)
 

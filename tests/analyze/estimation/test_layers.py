@@ -53,7 +53,7 @@ def parts(shape, data, along, inset, middle=0.4, gap=0.0):
     ids=["box", "cylinder", "turned box"],
 )
 def test_layers_from_end_to_end_leave_no_rest(shape, data, along, inset):
-    """Before, up to 0.17 of a layer of cells was `rest`, which could be 49 g of lead."""
+    """Up to 0.17 of a layer of cells was once counted as `rest`, which could be 49 g of lead."""
     found, model, layer = parts(shape, data, along, inset)
     assert list(found) == ["wall", "low", "high"]
     missing = model.volume - sum(part.volume for part in found.values())

@@ -123,7 +123,7 @@ def bounds_of(body: HollowBox, parameters: InertialParameters) -> RegionBounds:
 
 
 def test_limits_hold_whatever_is_inside_a_wall_of_unknown_thickness():
-    """40 bodies, a third of them empty; before, all limits of 62 % held."""
+    """A third of 40 bodies are empty; the limits once held, all of them, for 62 % of the bodies only."""
     rng = np.random.default_rng(3)
     held, widths = [], []
     for seed in range(40):
@@ -188,7 +188,7 @@ def distribution_of(body: HollowBox, parameters: InertialParameters) -> MassDist
 
 
 def test_evidence_of_a_thickness_hardly_depends_on_the_seed():
-    """Before, its sd over seeds was 3 to 11, so that chance chose the thickness."""
+    """The log evidence once had an sd over seeds of 3 to 11, so that chance chose the thickness."""
     body = hollow_box(4, lumps=1)
     parameters = body.measured(np.random.default_rng(0), 1e-4, 0.004)
     shell = possible_shells(body.model, (body.model.volume / 1500) ** (1 / 3))[4]
@@ -198,7 +198,7 @@ def test_evidence_of_a_thickness_hardly_depends_on_the_seed():
 
 
 def test_a_thickness_that_no_filling_fits_does_not_open_the_limits():
-    """Before, one such thickness of five gave 0 to all for every region."""
+    """One such thickness of five once gave limits of 0 and all for every region."""
     body = hollow_box(11, lumps=1)
     found = distribution_of(body, body.measured(np.random.default_rng(0), 1e-4, 0.004))
     truth = body.region_masses(found.dividing_plane_normal, found.dividing_plane_offset)
@@ -208,7 +208,7 @@ def test_a_thickness_that_no_filling_fits_does_not_open_the_limits():
 
 
 def test_bounds_are_those_of_a_linear_programme_and_never_inside():
-    """With a narrow box of moments inside the sphere, and the box around it, as linear programmes."""
+    """Linear programmes enclose the bounds: with a narrow box of moments in the sphere, and one around it."""
     rng = np.random.default_rng(6)
     for _ in range(5):
         explaining, most = 3 * rng.standard_normal((4, 60)), rng.uniform(0.02, 0.2, 60)

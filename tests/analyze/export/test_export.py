@@ -249,7 +249,7 @@ def test_missing_reader_is_one_line_before_the_estimate(monkeypatch, tmp_path):
 
 
 def test_scanned_mesh_is_written_beside_the_file(answered, tmp_path):
-    """Through the command line, for a result of an object with a shape file."""
+    """The export is made on the command line, from a result of an object with a shape file."""
     stated = json.loads((answered / "result.json").read_text())
     (tmp_path / "wedge.obj").write_bytes(wedge_obj())
     shape = 'shape = {file = "wedge.obj", unit = "mm"}'

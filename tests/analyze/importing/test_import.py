@@ -278,9 +278,9 @@ def test_watching_an_imported_video_is_refused_in_one_line(tmp_path):
 
 
 def test_bucket_copy_contains_chunks_that_continue_without_a_key_picture(tmp_path, monkeypatch):
-    """Chunks that go on without a key picture, which 64 MiB make, here 20 kB.
+    """Chunks of 64 MiB (here 20 kB) may go on without a key picture.
 
-    What lies before the strike is fetched back to the key.
+    What lies before the strike is then fetched back to the last key picture.
     """
     monkeypatch.setattr("schemas.topics.VIDEO_CHUNK_BYTES", 20_000)
     monkeypatch.setattr("analyze.batch.sparse_copy.VIDEO_CHUNK_BYTES", 20_000)

@@ -125,7 +125,7 @@ def test_full_disk_is_reported_before_the_search(tmp_path, monkeypatch):
 
 
 def test_video_that_is_split_is_decoded_once(tmp_path, monkeypatch):
-    """Once for finding strikes, estimating the camera pose, and writing."""
+    """Finding strikes, estimating the camera pose and writing share one pass of decoding."""
     gone = [np.full_like(tip()[0], 120)] * 90
     path = write_video(
         tmp_path / "a.mkv", [*[tip()[0]] * 90, *tip(), *gone, *tip()], codec="ffv1", pixels="gray"

@@ -27,8 +27,10 @@ def test_derivatives_are_those_of_the_motion():
 
 @pytest.mark.parametrize("omega0", [1.6, 3.1, 6.0])
 def test_the_motion_is_solved_far_below_a_cameras_noise(omega0):
-    """At 120 frames per second and k = 100 rad/s^2, below, about and far above what carries it over the top,
-    up to 80 degrees past it."""
+    """Energies below, about and far above that needed to reach balance, up to 80 degrees past it.
+
+    There are 120 frames per second, and k = 100 rad/s^2.
+    """
     seconds = np.arange(61) / 120
 
     def rate(_, y):
@@ -44,7 +46,7 @@ def test_the_motion_is_solved_far_below_a_cameras_noise(omega0):
 
 @pytest.mark.parametrize("omega0", [6.9, 8.5])
 def test_on_its_rounding_the_edge_rolls(omega0):
-    """Beside the moment equation about a rolling contact, and the derivatives beside differences."""
+    """The motion obeys the moment equation about a rolling contact; differences confirm its derivatives."""
     seconds, radius, numbers = np.arange(40) / 120, 1e-3, np.array([0.645, 134.7, 0.0, omega0])
     phi, k = numbers[:2]
     e = k * radius / 9.81

@@ -110,7 +110,7 @@ def test_a_scanned_boxs_edge_is_no_flank():
 
 
 def test_a_wall_beside_fine_facets_is_flat_however_they_are_cut():
-    """Rolled onto at 40 deg: a body does not roll on over it."""
+    """A body that rolls onto the wall, at 40 deg, does not roll on over it."""
     t = np.linspace(0, math.radians(40), 300)
     arc = 0.03 * np.stack([np.sin(t), 1 - np.cos(t)], axis=-1)
     wall = arc[-1] + 0.02 * np.array([math.cos(t[-1]), math.sin(t[-1])])

@@ -127,8 +127,10 @@ def test_a_resting_tags_errors_are_as_independent_as_the_noise(camera):
 
 @pytest.mark.parametrize("noise", [1.0, pytest.param(4.0, marks=pytest.mark.slow), 8.0])
 def test_the_covariance_matches_the_errors(camera, noise):
-    """Normalised by each corner's own 2 x 2 covariance: 1 within 0.1, over 200 draws of noise at 10
-    places."""
+    """Errors normalised by each corner's own covariance (2, 2) have an rms of 1 within 0.1.
+
+    They are those of 200 draws of noise, 20 at each of 10 places; the rms is per axis.
+    """
     rng, pixels, squares = np.random.default_rng(int(noise)), pixel_map(camera), []
     for _ in range(10):
         R, p = at(rng.uniform(-0.06, 0.06), rng.uniform(-0.03, 0.03), rng.uniform(0, 6.3))
@@ -145,8 +147,10 @@ def test_the_covariance_matches_the_errors(camera, noise):
 
 @pytest.mark.parametrize("exposure_ms", [pytest.param(2.0, marks=pytest.mark.slow), 4.0])
 def test_a_moving_tag_is_measured_at_the_middle_of_the_exposure(camera, exposure_ms):
-    """6 rad/s about a point 70 px from its middle and 0.3 m/s besides, the mean of 8 images over the
-    exposure."""
+    """The tag turns at 6 rad/s about a point 70 px from its middle, and moves at 0.3 m/s besides.
+
+    Its image is the mean of 8 images over the exposure.
+    """
     rng, pixels, turned, off = np.random.default_rng(2), pixel_map(camera), [], []
     steps = 1e-3 * exposure_ms * ((np.arange(8) + 0.5) / 8 - 0.5)
     for _ in range(12):
