@@ -32,7 +32,7 @@ class BorrowedImage(NamedTuple):
     prefix: bytes
     """the message before its pixels"""
     pixels: memoryview
-    """at least a page long; begins on a page of the memory"""
+    """the image's bytes: at least a page, and beginning on a page of the memory"""
     crc: int
     """CRC-32 of the pixels"""
     release: Callable[[], None]

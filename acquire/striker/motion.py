@@ -31,8 +31,8 @@ GOLDEN_RATIO_FRACTION = 0.6180339887498949
 SETTLED_TICKS = 4.5
 SETTLED_UNITS = 1.5
 SETTLED_READS = 20
-"""the arm is settled if SETTLED_READS consecutive reads are within SETTLED_TICKS of the goal and within
-SETTLED_UNITS of rest, in units of the position and velocity registers"""
+"""number of consecutive reads, all near the goal and at rest, after which the arm is settled: within
+SETTLED_TICKS of the goal and SETTLED_UNITS of rest, in units of the position and velocity registers"""
 MAX_SILENCE_NS = 200_000_000
 """longest time without an answer in a swing [ns]: by then the servo's own watchdog (100 ms) has stopped it,
 if this host paused"""

@@ -23,8 +23,7 @@ GRID_REFINEMENTS = 5
 I_STEPS = 11
 """Number of values of I (moment about the edge) tried."""
 I_RANGE = 0.05
-"""Relative half range dI / I of the values of I tried: "the estimated error of the motion capturing
-system"."""
+"""Relative half range dI / I of the values tried: "the estimated error of the motion capturing system"."""
 PLANE_STEPS = 30
 """Positions of the dividing plane per sweep direction."""
 TIE_DISTANCE = 1e-4

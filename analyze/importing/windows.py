@@ -71,7 +71,7 @@ class StrikeWindow:
     """
 
     clip: int
-    """index of the source"""
+    """index of the source in the list of those imported"""
     plan_strike_id: str
     """id of the strike in the plan"""
     attempt: int

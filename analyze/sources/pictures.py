@@ -50,7 +50,7 @@ class RawPicture:
     step: int
     """bytes per row"""
     data: Image
-    """(n,) bytes"""
+    """(n,) bytes of the picture, as stored"""
     big_endian: bool = False
     """True if the first byte of a 16-bit pixel is its high one"""
 
