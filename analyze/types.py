@@ -234,6 +234,39 @@ class MotionFit:
 
 
 @dataclass(frozen=True)
+class SupportLine:
+    """Line parallel to the pivot axis over which the object turns for a range of tipping angles theta.
+
+    The line is the centre line of the rounding of the edge (or corner) that touches the table. Its place is
+    given in the rest pose, from the centre line of the planned pivot. It carries until the next line of the
+    sequence takes over.
+    """
+
+    along_m: float
+    """place from the planned pivot's centre line, horizontally towards where the object tips, at rest [m]"""
+    up_m: float
+    """place from the planned pivot's centre line, vertically, at rest [m]"""
+    takes_over_rad: float
+    """tipping angle theta [rad] from which this line carries, as the face before it lies on the table; 0 for
+    the first line, at which the resting face ends"""
+    takes_over_sd_rad: float = 0.0
+    """standard deviation of that angle [rad], from the errors of the shape"""
+    radius_m: float = 0.0
+    """radius of the rounding [m]"""
+    is_curve: bool = False
+    """True if a curved flank touches from here on, which rolls: the place is that of the curve's first point,
+    and the contact moves on from there"""
+
+    def ahead_m(self, theta: float) -> float:
+        """Horizontal distance [m] of this support line ahead of the planned pivot, at a tipping angle [rad].
+
+        A strike that balances over this line at that angle determines a plane through this line; taken
+        through the planned pivot instead, the plane misses the centre of mass by this distance.
+        """
+        return self.along_m * math.cos(theta) + self.up_m * math.sin(theta)
+
+
+@dataclass(frozen=True)
 class TipMotion:
     """Motion of one strike: verdict, tipping angle theta(t) [rad], its phases, and fits to it."""
 
@@ -261,6 +294,9 @@ class TipMotion:
     pivot_ahead: tuple[float, float] | None = None
     """horizontal distance [m] at balance from the planned line to that about which the object turned, ahead
     being positive, and its sd; None if not measured"""
+    carried_by: SupportLine | None = None
+    """line that took over from the planned pivot edge before balance, to which the fit belongs; None if the
+    fit belongs to the planned edge"""
 
 
 class RadiusSource(enum.Enum):
@@ -345,7 +381,19 @@ class EquiPlane:
     """id of the side face that rises from the edge; its place error is that of the face as a resting face;
     "" if unknown"""
     wall_lean: float = 0.0
-    """lean [rad] of that side face: angle of its outward normal over the horizontal at rest"""
+    """lean [rad] of that side face: angle of its outward normal over the horizontal with `base_up` upwards"""
     phi_by_turn: Array | None = None
     """(3,) change of phi [rad] on a round rim by 1 sd of the markers' common turn about each axis of O, by
     which the object is put down turned; None where no such error acts"""
+    facet_rad: float = 0.0
+    """tipping angle [rad] at which the face that ends at the pivot line lies on the table: 0 for the resting
+    face; larger if the line took over from the planned edge"""
+
+    @property
+    def base_up(self) -> Array:
+        """Unit normal (3,), into the object, of the face on the table that ends at the pivot line, in O.
+
+        It is W's z at rest, unless the line took over from the planned edge when a later face had landed.
+        """
+        ahead = np.cross(self.direction, self.up)
+        return np.cos(self.facet_rad) * self.up - np.sin(self.facet_rad) * ahead

@@ -22,7 +22,7 @@ def equiplane(strike_id: str, planned: PlannedStrike, motion: TipMotion) -> Equi
 
     Args:
         strike_id: Id of the strike, unique in the recording.
-        planned: Planned strike: rest pose of the object, and its pivot edge in O.
+        planned: Planned strike: rest pose of the object, and the pivot line in O to which the fit belongs.
         motion: Motion of the strike, with a fit.
 
     Returns:
@@ -37,7 +37,10 @@ def equiplane(strike_id: str, planned: PlannedStrike, motion: TipMotion) -> Equi
         raise EstimationError(
             f"strike {strike_id}: no motion could be fitted ({motion.verdict.value}): exclude this strike"
         )
-    return equiplane_from_fit(strike_id, planned, motion.fit)
+    plane = equiplane_from_fit(strike_id, planned, motion.fit)
+    if motion.carried_by is None:
+        return plane
+    return replace(plane, face="", facet_rad=motion.carried_by.takes_over_rad)
 
 
 def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -> EquiPlane:

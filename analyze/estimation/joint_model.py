@@ -150,7 +150,7 @@ class JointModel:
             faces: keys of all faces, in the order of their unknowns.
         """
         radius, shift = np.zeros(self.count), np.zeros((3, self.count))
-        forward = np.cross(plane.direction, plane.up)
+        forward = np.cross(plane.direction, plane.base_up)
         if plane.rounded:
             radius[RADIUS], radius[first + OWN_RADIUS] = radius_sds(plane, systematic)
             shift += np.outer(centre_line_shift(plane), radius)
@@ -164,7 +164,7 @@ class JointModel:
         shift[:, first + FORWARD] = forward * np.sqrt(plane.edge_sd**2 - of_wall**2)
         # A face farther out moves the line along the other face that meets at the edge.
         rest, *wall = (first_face + faces.index(face) for face in _faces(plane))
-        shift[:, rest] = (forward * np.tan(plane.wall_lean) - plane.up) * plane.edge_sd
+        shift[:, rest] = (forward * np.tan(plane.wall_lean) - plane.base_up) * plane.edge_sd
         for term in wall:
             shift[:, term] += forward * of_wall / np.cos(plane.wall_lean)
         return radius, shift
@@ -321,9 +321,9 @@ def centre_line_shift(plane: EquiPlane) -> Array:
     rises.
     """
     if plane.radius_prior is not None and plane.radius_prior.source is RadiusSource.SHAPE:
-        return plane.up
-    forward = np.cross(plane.direction, plane.up)
-    return plane.up - forward * (1 + np.sin(plane.wall_lean)) / np.cos(plane.wall_lean)
+        return plane.base_up
+    forward = np.cross(plane.direction, plane.base_up)
+    return plane.base_up - forward * (1 + np.sin(plane.wall_lean)) / np.cos(plane.wall_lean)
 
 
 def _faces(plane: EquiPlane) -> list[tuple[str, str]]:

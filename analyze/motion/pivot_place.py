@@ -24,9 +24,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from analyze.motion.strike_task import StrikeTask
-    from analyze.motion.supports import SupportLine
     from analyze.motion.tip_angle import PlanarMotion
-    from analyze.types import MotionFit
+    from analyze.types import MotionFit, SupportLine
 
 _AROUND_RAD = math.radians(10.0)
 """largest angle from balance [rad] of the frames from which the place is measured"""
@@ -34,7 +33,7 @@ _MIN_FRAMES, _MIN_SPAN_RAD = 8, math.radians(4.0)
 """least number of frames, and least range of their tipping angles [rad]"""
 _HEIGHT_SD = 5e-3
 """standard deviation [m] of the line's height over the followed point, before the measurement"""
-_SIGMAS = 3.0
+CLEAR_SIGMAS = 3.0
 """number of standard deviations beyond which chance is excluded"""
 _SAME_SIGMAS = 2.0
 """number of standard deviations within which the line may be the planned one, where another is possible"""
@@ -123,7 +122,11 @@ def judge_place(place: PivotPlace | None, fit: MotionFit) -> Judgement | None:
         place: measured horizontal place of the line at balance; None if it was not measured.
         fit: the chosen fit; a contact that rolls on a curve has no line.
     """
-    if place is None or fit.rolling is not None or abs(place.ahead) < max(_MIN_OFF_M, _SIGMAS * place.sd):
+    if (
+        place is None
+        or fit.rolling is not None
+        or abs(place.ahead) < max(_MIN_OFF_M, CLEAR_SIGMAS * place.sd)
+    ):
         return None
     side = "ahead of" if place.ahead > 0 else "behind"
     off = f"{1e3 * abs(place.ahead):.1f} ± {2e3 * place.sd:.1f} mm {side} the planned one"
@@ -147,12 +150,12 @@ def _line_by_shape(
     supports = task.supports
     if not supports:
         return None
-    planned = min(range(len(supports)), key=lambda i: math.hypot(supports[i].along_m, supports[i].up_m))
+    planned = nearest_to_planned(supports)
     top = float(np.max(motion.angle.theta[slice(*fit.window)]))
     candidates = [
         line
         for line in _near_balance(supports, min(fit.phi, top), math.sqrt(float(fit.covariance[0, 0])))
-        if line is not supports[planned] and _matters(line, supports[planned], task)
+        if line is not supports[planned] and matters(line, supports[planned], task)
     ]
     if not candidates:
         return None
@@ -162,6 +165,11 @@ def _line_by_shape(
     other = min(candidates, key=lambda line: abs(line.ahead_m(fit.phi) - place.ahead))
     nearer = abs(other.ahead_m(fit.phi) - place.ahead) < abs(place.ahead)
     return other if nearer and abs(place.ahead) > _SAME_SIGMAS * place.sd else None
+
+
+def nearest_to_planned(supports: Sequence[SupportLine]) -> int:
+    """Index of the support line that is the planned pivot by the shape: the one nearest to it."""
+    return min(range(len(supports)), key=lambda i: math.hypot(supports[i].along_m, supports[i].up_m))
 
 
 def _near_balance(supports: Sequence[SupportLine], phi: float, phi_sd: float) -> list[SupportLine]:
@@ -174,19 +182,19 @@ def _near_balance(supports: Sequence[SupportLine], phi: float, phi_sd: float) ->
     """
     found: list[SupportLine] = []
     for i, line in enumerate(supports):
-        margin = _ANGLE_MARGIN_RAD + _SIGMAS * math.hypot(line.takes_over_sd_rad, phi_sd)
+        margin = _ANGLE_MARGIN_RAD + CLEAR_SIGMAS * math.hypot(line.takes_over_sd_rad, phi_sd)
         begins = line.takes_over_rad - margin if i else -math.inf
         ends = math.inf
         if i + 1 < len(supports):
             after = supports[i + 1]
             ends = after.takes_over_rad + _ANGLE_MARGIN_RAD
-            ends += _SIGMAS * math.hypot(after.takes_over_sd_rad, phi_sd)
+            ends += CLEAR_SIGMAS * math.hypot(after.takes_over_sd_rad, phi_sd)
         if begins < phi < ends:
             found.append(line)
     return found
 
 
-def _matters(line: SupportLine, planned: SupportLine, task: StrikeTask) -> bool:
+def matters(line: SupportLine, planned: SupportLine, task: StrikeTask) -> bool:
     """True if a support line is so far from the planned one that a strike over it is another measurement."""
     apart = math.hypot(line.along_m - planned.along_m, line.up_m - planned.up_m)
     return apart > max(_MIN_SHIFT_M, _SHIFT_SIGMAS * task.planned.pivot.sd_m)

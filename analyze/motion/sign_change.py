@@ -21,10 +21,13 @@ from analyze.errors import EstimationError
 from analyze.types import MotionFit
 
 if TYPE_CHECKING:
+    from analyze.motion.phases import Course
     from analyze.types import Array, TipAngle
 
 _MAX_FRAME_GAP = 1.5
 """time between neighbouring frames, in median intervals, from which a frame is missing"""
+_FAST_FRAME_NS = 1e9 / 180
+"""frame interval [ns] below which smoothing is extended over more frames"""
 
 
 def _smooth(values: Array, points: int) -> Array:
@@ -155,3 +158,48 @@ def sign_change(
         residual=np.zeros(last - first),
         note=f"{points}-point smoothing",
     )
+
+
+def sign_change_alternatives(
+    angle: TipAngle, course: Course, fit: MotionFit, smoothing_points: int
+) -> tuple[MotionFit, ...]:
+    """Fit of a strike's motion by the paper's estimator `sign_change`, to compare with the chosen fit.
+
+    That estimator takes as balance angle the tipping angle at the second sign change of the angular
+    acceleration.
+
+    Args:
+        angle: tipping angle theta(t) of the strike.
+        course: events of the strike; the fitted frames begin at its first motion.
+        fit: the chosen fit; the fitted frames end with its own.
+        smoothing_points: width of the moving mean [frames] at up to 180 Hz.
+
+    Returns:
+        The one fit; empty if the estimator fails or no motion was found.
+    """
+    if course.moved_frame is None:
+        return ()
+    try:
+        return (
+            sign_change(
+                angle,
+                (course.moved_frame, fit.window[1]),
+                _smoothing_points(angle, smoothing_points),
+                fit,
+            ),
+        )
+    except EstimationError:
+        return ()
+
+
+def _smoothing_points(angle: TipAngle, usual: int) -> int:
+    """Width of the moving mean [frames]; above 180 Hz it spans the same time as `usual` frames at 120 Hz.
+
+    The noise of a second derivative grows with the square of the frame rate.
+
+    Args:
+        angle: tipping angle with the times of its frames.
+        usual: width [frames] at up to 180 Hz.
+    """
+    frame_ns = float(np.median(np.diff(angle.time_ns)))
+    return usual if frame_ns > _FAST_FRAME_NS else 2 * round(usual * 1e9 / 120 / frame_ns / 2) + 1

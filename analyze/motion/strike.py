@@ -17,13 +17,14 @@ from analyze.errors import EstimationError, TrackingError
 from analyze.motion.contact import with_contact_errors
 from analyze.motion.creep_error import creep_error
 from analyze.motion.fit_choice import fit_strike
+from analyze.motion.next_line import about_next_line, balanced_before, counted_for_line, next_take_over
 from analyze.motion.pendulum_motion import energy_ratio
 from analyze.motion.phases import Course, find_course, free_window, phases_of
 from analyze.motion.pivot_place import judge_place, judge_support, measure_pivot
 from analyze.motion.placement import judge_placement
 from analyze.motion.rolling_choice import is_curved, relative_to_rolling
 from analyze.motion.settings import MotionSettings
-from analyze.motion.sign_change import sign_change
+from analyze.motion.sign_change import sign_change_alternatives
 from analyze.motion.slow_error import with_slow_error
 from analyze.motion.strike_task import Judgement
 from analyze.motion.tip_angle import Placement, PlanarMotion, tip_angle
@@ -42,8 +43,6 @@ if TYPE_CHECKING:
 _REST_BEFORE_CONTACT_NS = 4_000_000
 """time before the contact [ns] by which a resting frame's exposure must have ended: half a frame at 120
 fps"""
-_FAST_FRAME_NS = 1e9 / 180
-"""frame interval [ns] below which smoothing is extended over more frames"""
 _STILL_PX = 0.15
 """largest motion of a corner [px] of a marker at rest"""
 _MIN_SEEN_NS = 200_000_000
@@ -105,6 +104,10 @@ def analyse_strike(
 def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSettings) -> TipMotion:
     """Analyse the motion of one strike: phases, fits and verdict, from its tipping angle.
 
+    A strike that balanced over the next line of the shape instead of the planned edge, such as the body's
+    edge behind a foot, counts for that line if the line is certain; else it is a wrong edge. Only the part of
+    the motion in which one line carries is fitted.
+
     Args:
         motion: the motion in the plane across the pivot axis.
         task: the strike as planned and as carried out.
@@ -115,12 +118,39 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
         reach balance) are None if the object did not tip, nothing fits, or the balance angle is too
         uncertain; tipping angle and phases too if the images end too early.
     """
+    found = _analysed(motion, task, settings)
+    if (until := next_take_over(found, task)) is not None:
+        again = _analysed(motion, replace(task, landing_angle_rad=until), settings)
+        return balanced_before(again, until)
+    about = about_next_line(motion, task, found, settings.window)
+    if about is None:
+        return found
+    again = _analysed(about.motion, about.task, settings, about.course)
+    return counted_for_line(motion, again, about) or found
+
+
+def _analysed(
+    motion: PlanarMotion, task: StrikeTask, settings: MotionSettings, course: Course | None = None
+) -> TipMotion:
+    """Analyse the motion of one strike as a tip about the planned pivot line.
+
+    Args:
+        motion: the motion in the plane across the pivot axis.
+        task: the strike as planned and as carried out.
+        settings: limits of the fit's window, of a clean tip and of the contact.
+        course: events of the strike; None to find them in the motion. The paper's estimator is left out if
+            they are given, as it needs the motion from the impact on.
+
+    Returns:
+        As `analyse_motion`; a strike that balanced over another line is a wrong edge.
+    """
     if (unseen := _judge_unseen(task)) is not None:
         return _without_motion(task, unseen)
     if task.section is not None and is_curved(task.section, task.planned.phi_predicted_rad):
         motion = relative_to_rolling(motion, task.section, task.planned)
     angle = motion.angle
-    course = find_course(angle, task.contact_time_ns, settings.window, task.landing_angle_rad)
+    whole = course is None
+    course = course or find_course(angle, task.contact_time_ns, settings.window, task.landing_angle_rad)
     judgement = judge_motion(motion, course, task, settings.verdict)
     tipped = (
         float(np.max(angle.theta[course.moved_frame : course.end_frame], initial=0.0))
@@ -156,7 +186,10 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
         angle,
         course,
         fit,
-        (*fits.others, *_alternatives(angle, course, fit, settings)),
+        (
+            *fits.others,
+            *(sign_change_alternatives(angle, course, fit, settings.smoothing_points) if whole else ()),
+        ),
     )
     return replace(found, pivot_ahead=None if place is None else (place.ahead, place.sd))
 
@@ -280,51 +313,6 @@ def _window_to_balance(angle: TipAngle, released: int, fit: MotionFit) -> tuple[
     last = fit.window[1]
     past = np.flatnonzero(angle.theta[released:last] > fit.phi + 0.09)
     return released, (released + int(past[0]) if len(past) else last)
-
-
-def _alternatives(
-    angle: TipAngle, course: Course, fit: MotionFit, settings: MotionSettings
-) -> tuple[MotionFit, ...]:
-    """Fit of a strike's motion by the paper's estimator `sign_change`, to compare with the chosen fit.
-
-    That estimator takes as balance angle the tipping angle at the second sign change of the angular
-    acceleration.
-
-    Args:
-        angle: tipping angle theta(t) of the strike.
-        course: events of the strike; the fitted frames begin at its first motion.
-        fit: the chosen fit; the fitted frames end with its own.
-        settings: width of the moving mean.
-
-    Returns:
-        The one fit; empty if the estimator fails or no motion was found.
-    """
-    if course.moved_frame is None:
-        return ()
-    try:
-        return (
-            sign_change(
-                angle,
-                (course.moved_frame, fit.window[1]),
-                _smoothing_points(angle, settings.smoothing_points),
-                fit,
-            ),
-        )
-    except EstimationError:
-        return ()
-
-
-def _smoothing_points(angle: TipAngle, usual: int) -> int:
-    """Width of the moving mean [frames]; above 180 Hz it spans the same time as `usual` frames at 120 Hz.
-
-    The noise of a second derivative grows with the square of the frame rate.
-
-    Args:
-        angle: tipping angle with the times of its frames.
-        usual: width [frames] at up to 180 Hz.
-    """
-    frame_ns = float(np.median(np.diff(angle.time_ns)))
-    return usual if frame_ns > _FAST_FRAME_NS else 2 * round(usual * 1e9 / 120 / frame_ns / 2) + 1
 
 
 def _result(

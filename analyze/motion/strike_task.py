@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from analyze.motion.support_function import SupportFunction
-    from analyze.motion.supports import SupportLine
-    from analyze.types import IntArray
+    from analyze.types import IntArray, SupportLine
     from schemas.strike_plan import PlannedStrike
     from schemas.strike_result import Verdict
 

@@ -14,13 +14,13 @@ bevel narrower than its rounding vanishes in it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from analyze.motion.outline import HIGH, Outline, smooth_outline
 from analyze.motion.support_function import hull_outline
+from analyze.types import SupportLine
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,39 +33,6 @@ LIFTED_RAD = math.radians(0.5)
 """tipping angle [rad] up to which a facet counts as part of the resting face"""
 _SAME_LINE_M = 1e-5
 """largest distance [m] between two successive lines at which the second one is left out"""
-
-
-@dataclass(frozen=True)
-class SupportLine:
-    """Line parallel to the pivot axis over which the object turns for a range of tipping angles theta.
-
-    The line is the centre line of the rounding of the edge (or corner) that touches the table. Its place is
-    given in the rest pose, from the centre line of the planned pivot. It carries until the next line of the
-    sequence takes over.
-    """
-
-    along_m: float
-    """place from the planned pivot's centre line, horizontally towards where the object tips, at rest [m]"""
-    up_m: float
-    """place from the planned pivot's centre line, vertically, at rest [m]"""
-    takes_over_rad: float
-    """tipping angle theta [rad] from which this line carries, as the face before it lies on the table; 0 for
-    the first line, at which the resting face ends"""
-    takes_over_sd_rad: float = 0.0
-    """standard deviation of that angle [rad], from the errors of the shape"""
-    radius_m: float = 0.0
-    """radius of the rounding [m]"""
-    is_curve: bool = False
-    """True if a curved flank touches from here on, which rolls: the place is that of the curve's first point,
-    and the contact moves on from there"""
-
-    def ahead_m(self, theta: float) -> float:
-        """Horizontal distance [m] of this support line ahead of the planned pivot, at a tipping angle [rad].
-
-        A strike that balances over this line at that angle determines a plane through this line; taken
-        through the planned pivot instead, the plane misses the centre of mass by this distance.
-        """
-        return self.along_m * math.cos(theta) + self.up_m * math.sin(theta)
 
 
 def carrying_line(supports: Sequence[SupportLine], theta: float) -> int:

@@ -21,6 +21,11 @@ if TYPE_CHECKING:
     from analyze.motion.tip_angle import PlanarMotion
     from analyze.types import Array, IntArray, MotionFit, TipAngle
 
+ROLLED_REMEDY = (
+    "turn its heavy side towards the striker or away from it, or stick on a foot with straight edges and "
+    "scan both together"
+)
+"""remedy for an object that rolls aside on its rim: its centre of mass is beside the striker's line"""
 _SEEN_PAST_PHI = math.radians(35.0)
 """angle past the predicted phi [rad] up to which the marker must be seen: the fitted window, and the error of
 phi"""
@@ -139,9 +144,10 @@ def judge_contact(
         text = f"the edge left the table by {1e3 * lift:.1f} mm: strike lower or less hard"
         return Judgement(Verdict.AIRBORNE, text)
     if twist > limits.twist:
-        code = Verdict.ROLLED if rolls else Verdict.TWISTED
-        turned = f"{'rolled on its rim' if rolls else 'twisted'} by {math.degrees(twist):.1f} deg"
-        return Judgement(code, f"the object {turned} about other axes: strike through its middle")
+        by = f"by {math.degrees(twist):.1f} deg about other axes"
+        if rolls:
+            return Judgement(Verdict.ROLLED, f"the object rolled on its rim {by}: {ROLLED_REMEDY}")
+        return Judgement(Verdict.TWISTED, f"the object twisted {by}: strike through its middle")
     slip = smooth_peak(np.abs(motion.angle.slip[used]), sd)
     if slip > limits.slip:
         text = f"the edge slid by {1e3 * slip:.1f} mm: use a rougher table or strike higher"

@@ -89,11 +89,11 @@ def with_edge(plane: EquiPlane, evidence: Evidence) -> EquiPlane:
     """
     if not plane.rounded:
         return plane
-    model, forward = evidence.model, np.cross(plane.direction, plane.up)
-    lean = wall_lean(model, forward, plane.up, [plane.point], plane.edge_radius)
+    model, up, forward = evidence.model, plane.base_up, np.cross(plane.direction, plane.base_up)
+    lean = wall_lean(model, forward, up, [plane.point], plane.edge_radius)
     leaning = lean or 0.0
     inset = (1 + np.sin(leaning)) / np.cos(leaning)
-    corner = plane.point - plane.edge_radius * (plane.up - inset * forward)
+    corner = plane.point - plane.edge_radius * (up - inset * forward)
     radius = edge_radius(evidence.spec, model, plane.axis_id, corner, plane.direction)
     if _is_rounded_in_shape(model, plane, corner):
         own = float(
@@ -102,8 +102,8 @@ def with_edge(plane: EquiPlane, evidence: Evidence) -> EquiPlane:
             )
         )
         return replace(plane, radius_prior=RadiusPrior(plane.edge_radius, 0.0, own, RadiusSource.SHAPE))
-    rest = _face_at(model, corner, -plane.up)
-    wall = _face_at(model, corner, np.cos(leaning) * forward + np.sin(leaning) * plane.up)
+    rest = _face_at(model, corner, -up)
+    wall = _face_at(model, corner, np.cos(leaning) * forward + np.sin(leaning) * up)
     return replace(
         plane,
         face=rest or plane.face,
@@ -122,9 +122,9 @@ def _is_rounded_in_shape(model: ObjectModel, plane: EquiPlane, corner: Array) ->
         corner: (3,) point [m] in which the faces that meet at the edge would do so if it were sharp, in the
             object frame O.
     """
-    normals, forward = model.hull_planes[:, :3], np.cross(plane.direction, plane.up)
+    normals, forward = model.hull_planes[:, :3], np.cross(plane.direction, plane.base_up)
     between = (np.abs(normals @ plane.direction) < MAX_SKEW) & (
-        np.minimum(normals @ forward, -(normals @ plane.up)) > MIN_FACET_SLOPE
+        np.minimum(normals @ forward, -(normals @ plane.base_up)) > MIN_FACET_SLOPE
     )
     heights = (normals @ corner + model.hull_planes[:, 3])[between]
     return bool(np.any(heights > MIN_CUT_OFF * plane.edge_radius)) if plane.edge_radius > 0 else False

@@ -10,6 +10,7 @@ from typing import Protocol
 from analyze.errors import TrackingError
 from analyze.geometry.bodies import Body
 from analyze.geometry.object_model import ObjectModel
+from analyze.motion.next_line import carried_strike
 from analyze.tracking.track import TrackingReport
 from analyze.types import ImageFrame, TipMotion
 from schemas.object_spec import ObjectSpec
@@ -190,7 +191,11 @@ class Evidence:
     def planned(self, motion: TipMotion) -> PlannedStrike:
         """Planned strike (rest pose, pivot edge, direction on the table) that led to a recorded motion.
 
+        If another line of the shape took over from the planned edge before balance, and the strike counts for
+        it, that line stands in place of the edge, under a name of its own.
+
         Raises:
             StopIteration: the plan holds no strike with the id that the motion names.
         """
-        return next(strike for strike in self.plan.strikes if strike.id == motion.plan_strike_id)
+        planned = next(strike for strike in self.plan.strikes if strike.id == motion.plan_strike_id)
+        return planned if motion.carried_by is None else carried_strike(planned, motion.carried_by)

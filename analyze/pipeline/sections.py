@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
     from analyze.geometry.object_model import ObjectModel
     from analyze.motion.support_function import SupportFunction
-    from analyze.motion.supports import SupportLine
-    from analyze.types import Array
+    from analyze.types import Array, SupportLine
     from schemas.object_spec import ObjectSpec
     from schemas.strike_plan import PlannedStrike
 

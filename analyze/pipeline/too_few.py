@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
+from analyze.motion.verdict import ROLLED_REMEDY
 from analyze.reading.planned_strikes import planned_strikes
 from analyze.types import TipMotion
 from schemas.strike_plan import StrikePlan
@@ -43,11 +44,14 @@ def too_few_text(
     if not slow:
         reasons += [motion.reason for motion in bad if motion.verdict is Verdict.UNREADABLE][:1]
     left = len(set(usable) - set(excluded))
+    rolled = sum(motion.verdict is Verdict.ROLLED for motion in bad)
     remedy = (
         "exclude fewer"
         if len(usable) >= needed
         else f"strike {slow[0].strike_id}: {slow[0].reason}"
         if slow
+        else f"most rolled aside on the rim: {ROLLED_REMEDY}"
+        if 2 * rolled > len(bad)
         else "strike again"
     )
     why = f" ({'; '.join(reasons)})" if reasons else ""

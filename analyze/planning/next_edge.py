@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,9 +21,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from analyze.geometry.object_model import ObjectModel
-    from analyze.motion.supports import SupportLine
     from analyze.planning.hypothesis import Hypothesis, Region
     from analyze.planning.pivots import PivotAxis
+    from analyze.types import SupportLine
 
 CODE = "next_edge"
 """Rejection code of axes whose neighbour may land before balance."""
@@ -32,10 +33,12 @@ axis whose own sd is larger, that sd is the limit."""
 MARGIN_RAD = math.radians(1.0)
 """Angle [rad] before the take-over by which balance must come, for unequal rounding and for a few frames
 past balance."""
+MEASURABLE_SHIFT_M = 2.5e-3
+"""Distance [m] of two lines from which the motion shows which of them carries: 4 sd of the markers' place."""
 CARRYING_SHARE = 0.35
-"""Scale of Q, the region believed to hold the centre of mass, for which the planned edge must carry at
-balance. For all of Q, a bottle or carton with cut corners would lose edges that its balance angle needs; a
-strike that balances over the neighbour after all is recognised (verdict wrong_edge) and costs only itself."""
+"""Scale of Q, the region believed to hold the centre of mass, for which the planned edge, or the line that
+takes over from it, must carry at balance. For all of Q, a bottle or carton with cut corners would lose edges
+that its balance angle needs; a strike that balances over another line is recognised and costs only itself."""
 
 
 def with_next_edge(model: ObjectModel, axis: PivotAxis, region: Region) -> PivotAxis:
@@ -74,7 +77,27 @@ def with_next_edge(model: ObjectModel, axis: PivotAxis, region: Region) -> Pivot
     axis = replace(axis, sd=math.hypot(axis.sd, shift))
     if away == len(shifts):
         return axis
-    return replace(axis, next_edge=NextEdge(supports[away].takes_over_rad, shifts[away], found[away]))
+    next_edge = NextEdge(supports[away].takes_over_rad, shifts[away], found[away])
+    shares = [(_carrying_share(axis, region, supports, i), i) for i in range(away, len(supports))]
+    share, i = max(shares)
+    if share > CARRYING_SHARE:
+        next_edge = replace(next_edge, carrier=supports[i], carrier_firmness=share)
+    return replace(axis, next_edge=next_edge)
+
+
+def over_next_line(axis: PivotAxis) -> PivotAxis | None:
+    """Pivot axis on the line that takes over before balance, with the same placement; None if there is none.
+
+    Args:
+        axis: Pivot axis with the edge that takes over from it.
+    """
+    following = axis.next_edge
+    if following is None or following.carrier is None:
+        return None
+    line = following.carrier
+    left = NextEdge(line.takes_over_rad, following.shift, following.carrier_firmness)
+    point = axis.point + line.along_m * axis.tip + line.up_m * axis.plane.up
+    return replace(axis, point=point, radius=line.radius_m, next_edge=left, placed=axis)
 
 
 def _edge_offset(model: ObjectModel, axis: PivotAxis) -> float:
@@ -117,6 +140,31 @@ def _firmness(axis: PivotAxis, region: Region, supports: Sequence[SupportLine], 
     return room / max(float(region.reach(forward[None])[0]), 1e-12)
 
 
+def _carrying_share(axis: PivotAxis, region: Region, supports: Sequence[SupportLine], i: int) -> float:
+    """Largest scale of a region of centres of mass for which support line i carries at balance.
+
+    The centre of mass must still be behind each line before it when the next takes over from that, and past
+    this line when the next one takes over. Negative if it is not so for the region's centre, for a line that
+    rolls, and for one whose distance from the planned edge is too small to be measured.
+
+    Args:
+        axis: Pivot axis.
+        region: Region believed to hold the centre of mass.
+        supports: Lines over which the object turns in succession.
+        i: Index of a line, 1 or more.
+    """
+    line = supports[i]
+    if axis.rolls or line.is_curve or _apart(line, supports[0]) < MEASURABLE_SHIFT_M:
+        return -1.0
+    scales = [] if i + 1 == len(supports) else [_firmness(axis, region, supports, i + 1)]
+    for before, after in pairwise(supports[: i + 1]):
+        at = after.takes_over_rad + after.takes_over_sd_rad + 2 * MARGIN_RAD
+        forward = axis.tip * math.cos(at) + axis.plane.up * math.sin(at)
+        room = before.ahead_m(at) - float((region.centre - axis.point) @ forward)
+        scales.append(room / max(float(region.reach(forward[None])[0]), 1e-12))
+    return min(scales)
+
+
 def next_edge_rejection(axis: PivotAxis, believed: Hypothesis) -> Rejection:
     """Rejection of a pivot axis whose next edge may land before balance, with the reason in words.
 
@@ -149,15 +197,35 @@ def doubtful_note(used: Sequence[PivotAxis]) -> str:
         f"{axis.id} (next edge {1000 * axis.next_edge.shift:.1f} mm away, at "
         f"{math.degrees(axis.next_edge.takes_over):.0f} deg)"
         for axis in used
-        if axis.next_edge is not None and axis.next_edge.firmness <= 1
+        if axis.next_edge is not None and axis.next_edge.firmness <= 1 and axis.placed is None
     )
     if not listed:
         return ""
     return (
         "the plan uses edges that carry the object up to balance if its centre of mass is near its expected "
         f"place, but whose neighbour may touch the table before: {listed}. A strike that balances over the "
-        "neighbour gets the verdict wrong_edge and is left out; to replace it, plan again with --given "
-        "RECORDING, from which the centre of mass is known better"
+        "neighbour counts for that one if the motion shows it; else it gets the verdict wrong_edge and is "
+        "left out: plan again with --given RECORDING, from which the centre of mass is known better"
+    )
+
+
+def taken_over_note(used: Sequence[PivotAxis]) -> str:
+    """Note that a plan uses lines that take over from the edge of placement before balance; empty if none.
+
+    Args:
+        used: Pivot axes of the plan's strikes.
+    """
+    listed = ", ".join(
+        f"{axis.id} (next line {1000 * float(np.linalg.norm(axis.point - axis.placed.point)):.1f} mm out)"
+        for axis in used
+        if axis.placed is not None
+    )
+    if not listed:
+        return ""
+    return (
+        "the edges that carry the object up to balance do not suffice: the plan also uses edges from which "
+        f"the next line takes over before balance: {listed}. Such a strike counts for that line if "
+        "the motion shows it, for which the tags' places on the object must be known"
     )
 
 

@@ -14,7 +14,7 @@ from analyze.geometry.rotations import plane_basis
 from analyze.motion.moulded import moulded_radius
 from analyze.planning.hypothesis import Hypothesis
 from analyze.planning.stable_planes import RestingPlane
-from analyze.types import Array
+from analyze.types import Array, SupportLine
 from schemas.object_spec import ObjectSpec
 
 BRIDGED_SD = 3e-4
@@ -45,6 +45,11 @@ class NextEdge:
     firmness: float
     """Largest factor by which Q can be scaled about its centre and the planned edge still carry at balance,
     for every centre of mass in Q; negative if it does not carry for the centre itself."""
+    carrier: SupportLine | None = None
+    """Line that carries at balance instead of the planned edge, for c in the middle part of Q; None if there
+    is none, or if its place is too near the planned edge's to be measured."""
+    carrier_firmness: float = -1.0
+    """Largest factor by which Q can be scaled about its centre and that line carry at balance."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +81,9 @@ class PivotAxis:
     edges."""
     next_edge: NextEdge | None = None
     """Edge that takes over as the object tips on; None if there is none, or it was not looked for."""
+    placed: PivotAxis | None = None
+    """Edge of the resting face by which the object is placed, if this line only takes over from it before
+    balance; None if the object turns over this line from rest on."""
 
     @property
     def R_world_object(self) -> Array:  # noqa: N802 - the frames belong to the name
@@ -90,8 +98,10 @@ class PivotAxis:
         """Position (3,) [m] of the object frame's origin in the world frame, with the object at rest.
 
         The centre line of the edge's rounding then lies at x = 0, z = radius (of the rounding), and `point`,
-        the axis's point on that line, at y = 0.
+        the axis's point on that line, at y = 0. If the line takes over from another edge, that one lies so.
         """
+        if self.placed is not None:
+            return self.placed.p_world_object
         return np.array([0.0, 0.0, self.radius]) - self.R_world_object @ self.point
 
     def carries_for(self, share: float) -> bool:

@@ -15,7 +15,7 @@ from analyze.planning.examine import UsableAxis
 from analyze.planning.fillings import Pieces, region_forecast
 from analyze.planning.footing import unsure_note
 from analyze.planning.information import Information
-from analyze.planning.next_edge import doubtful_note
+from analyze.planning.next_edge import doubtful_note, taken_over_note
 from analyze.planning.pivots import PivotAxis
 from analyze.planning.prepared import PreparedObject
 from analyze.planning.refusal import refusal_message
@@ -235,7 +235,8 @@ def _strike(
         predicted: Standard deviations expected of one strike on the axis.
         heading: Turn [rad] of object and striker about the vertical.
     """
-    axis, expected, striker = each.candidate.axis, each.candidate.expected, prepared.bench.striker
+    axis = each.candidate.axis.placed or each.candidate.axis
+    expected, striker = each.candidate.expected, prepared.bench.striker
     stands = axis.plane.id not in prepared.unsure
     # c may lie elsewhere in Q: from the smallest energy at the smallest phi to the largest at the largest.
     cases = [
@@ -339,8 +340,8 @@ def _placing_order(axis: PivotAxis, prepared: PreparedObject) -> tuple[float, st
 def _warnings(prepared: PreparedObject, used: Sequence[UsableAxis]) -> list[str]:
     planes = [each.candidate.axis.plane for each in used]
     unsure = unsure_note(planes, prepared.unsure, prepared.believed.region)
-    doubtful = doubtful_note([each.candidate.axis for each in used])
-    warnings = [text for text in (unsure, doubtful) if text]
+    axes = [each.candidate.axis for each in used]
+    warnings = [text for text in (unsure, doubtful_note(axes), taken_over_note(axes)) if text]
     if any(each.candidate.axis.rolls for each in used):
         warnings.append(
             "round rims are used, on which the contact can roll: strike square to the rim; repeats show "

@@ -15,7 +15,7 @@ from analyze.planning.examine import Bench, UsableAxis, examine
 from analyze.planning.footing import Q_SCALES, STRIP_AREA_FRACTION, footing
 from analyze.planning.hypothesis import Hypothesis, body_size, hypothesis
 from analyze.planning.information import Belief, Information, SharedErrors
-from analyze.planning.next_edge import CARRYING_SHARE, next_edge_rejection, with_next_edge
+from analyze.planning.next_edge import CARRYING_SHARE, next_edge_rejection, over_next_line, with_next_edge
 from analyze.planning.pivots import PivotAxis, pivot_axes
 from analyze.planning.stable_planes import RestingPlane, resting_planes
 from analyze.planning.unscanned import scanned_edges, scanned_planes
@@ -77,7 +77,8 @@ def prepare_object(
 
     The axes belong to faces on which the object surely stands, and their edges surely carry it up to balance,
     before the next edge touches the table. If these axes do not determine the centre of mass c, axes are
-    added for which both hold only if c is where it is expected, the surer ones first.
+    added from which the next line takes over before balance, then those for which the object stands
+    and the edge carries only if c is where it is expected, the surer ones first.
 
     Args:
         model: Shape of the object.
@@ -128,6 +129,14 @@ def prepare_object(
         stable += scanned
         usable += passed
         left_out += [*bare, *cut, *failed]
+        information = replace(information, candidates=tuple(each.candidate for each in usable))
+        if design.can_determine_com(information):
+            break
+        over_next = [line for axis in waiting if (line := over_next_line(axis)) is not None]
+        waiting = [axis for axis in waiting if over_next_line(axis) is None]
+        passed, failed = examine(model, spec, over_next, believed, bench)
+        usable += passed
+        left_out += failed
         information = replace(information, candidates=tuple(each.candidate for each in usable))
         if design.can_determine_com(information):
             break

@@ -12,6 +12,7 @@ import numpy as np
 
 from analyze.errors import PlanError
 from analyze.geometry.edge_line import EdgeLine
+from analyze.motion.next_line import planned_axis
 from analyze.pipeline.evidence import RecordingHead
 from analyze.pipeline.merge import edge_line
 from analyze.pipeline.read_evidence import read_head
@@ -125,7 +126,11 @@ def recorded_touches(answer: Answer, rig: RigConfig | None) -> tuple[Touch, ...]
         if rig is None
         else (rig.name, rig.striker.kind, rig.striker.arm_length_m)
     )
-    energy = {motion.strike_id: motion.energy_ratio for motion in evidence.motions}
+    # Over a line that took over, the motion that was fitted began long after the impact.
+    energy = {
+        motion.strike_id: motion.energy_ratio if motion.carried_by is None else None
+        for motion in evidence.motions
+    }
     found: list[Touch] = []
     for strike in answer.result.strikes:
         impact, ratio = evidence.impacts.get(strike.id), energy[strike.id]
@@ -166,7 +171,7 @@ def given_from_result(result: Result, name: str, mass: float) -> EarlierResult:
     com, inertia = result.centre_of_mass, result.inertia
     strikes = [
         StrikeMade(
-            strike.axis_id,
+            planned_axis(strike.axis_id),
             _scalar_or(strike.phi.sd, 1e-3),
             (
                 None
@@ -187,7 +192,10 @@ def given_from_result(result: Result, name: str, mass: float) -> EarlierResult:
         np.array(com.covariance),
         unit_inertia,
         tuple(strikes),
-        {moment.axis_id: np.array(moment.direction, dtype=np.float64) for moment in result.moments},
+        {
+            planned_axis(moment.axis_id): np.array(moment.direction, dtype=np.float64)
+            for moment in result.moments
+        },
     )
 
 

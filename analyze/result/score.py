@@ -93,9 +93,9 @@ def score_answer(path: Path, answer: Answer) -> dict[str, Any]:
     """
     body = read_truth(path).body
     estimate, result = answer.estimate, answer.result
-    by_plan = {strike.id: strike for strike in estimate.evidence.plan.strikes}
+    motions = {motion.strike_id: motion for motion in estimate.evidence.motions}
     used = [strike for strike in result.strikes if strike.used and strike.phi is not None]
-    truths = [tip_truth(by_plan[strike.plan_strike_id], body) for strike in used]
+    truths = [tip_truth(estimate.evidence.planned(motions[strike.id]), body) for strike in used]
     com_true = np.array(body.com_object)
     error = np.array(result.centre_of_mass.value) - com_true
     sd = np.sqrt(np.diag(estimate.com.covariance))

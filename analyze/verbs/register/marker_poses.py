@@ -303,6 +303,8 @@ def _views(evidence: Evidence, exclude: frozenset[str]) -> tuple[list[StrikeView
             reason = "left out on request"
         elif (planned := evidence.planned(motion)).heading_rad:
             reason = "turned on the table, where the table's tilt acts in the other direction"
+        elif motion.carried_by is not None:
+            reason = "balanced over another line than the planned edge, about which its tip began"
         else:
             reason = f"no marker is surely at rest: {motion.verdict.value}: {motion.reason}"
             if (report := evidence.tracking.get(motion.strike_id)) is not None:

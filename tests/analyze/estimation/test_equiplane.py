@@ -1,8 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from analyze.errors import EstimationError
-from analyze.estimation.equiplane import balance_direction, equiplane_from_fit, standing_angle
+from analyze.estimation.equiplane import balance_direction, equiplane, equiplane_from_fit, standing_angle
+from analyze.estimation.joint_model import centre_line_shift
+from analyze.motion.next_line import carried_strike, planned_axis
+from analyze.types import SupportLine, TipMotion
+from schemas.strike_result import Verdict
 from tests.analyze.estimation.bodies import SIX_AXES, box_body, fit_of, planned_strike, tip
 
 BODY = box_body((0.08, 0.06, 0.15), (0.026, 0.014, 0.004), 0.005, (0.5, -0.35, 0.79), pitch=0.01)
@@ -41,3 +47,20 @@ def test_pivot_off_the_worlds_y_is_refused():
     )
     with pytest.raises(EstimationError, match="make the plan anew"):
         equiplane_from_fit("s", turned, fit_of(0.3, 80.0, 1e-3, 0.1))
+
+
+def test_plane_of_a_strike_that_another_line_carried_lies_on_that_line():
+    strike = planned_strike(BODY, *SIX_AXES[0])
+    line = SupportLine(4e-3, 1e-3, np.arctan2(1, 4), radius_m=5e-4)
+    carried = carried_strike(strike, line)
+    assert carried.axis_id == f"{strike.axis_id}+4.1mm"
+    assert planned_axis(carried.axis_id) == strike.axis_id
+    phi, k = tip(BODY, carried)
+    found = TipMotion("s", strike.id, Verdict.GOOD, "", fit=fit_of(phi, k, 1e-3, 0.1), carried_by=line)
+    plane = equiplane("s", carried, found)
+    assert abs(plane.normal @ (BODY.com - plane.point)) < 1e-12
+    # A larger rounding leaves both facets where they are: the line moves inwards from each by as much.
+    wall = np.cross(plane.direction, plane.up)
+    shift = centre_line_shift(replace(plane, wall_lean=-line.takes_over_rad))
+    assert shift @ plane.base_up == pytest.approx(1.0)
+    assert shift @ wall == pytest.approx(-1.0)

@@ -126,6 +126,7 @@ def test_a_rim_that_rolled_is_not_said_to_have_left_the_table():
     found = judge_contact(rolled, (13, N), rolls=True, limits=LIMITS)
     assert found is not None
     assert found.code is Verdict.ROLLED
+    assert "turn its heavy side towards the striker" in found.reason
     found = judge_contact(rolled, (13, N), rolls=False, limits=LIMITS)
     assert found is not None
     assert found.code is Verdict.AIRBORNE

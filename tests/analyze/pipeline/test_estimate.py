@@ -118,6 +118,12 @@ def test_warning_names_planned_strikes_that_were_not_made(evidence, estimate):
     assert text == f"10 of 12 planned strikes were struck; missing: {missing}"
 
 
+def test_refusal_of_strikes_that_rolled_aside_says_what_helps(evidence):
+    motions = [replace(motion, verdict=Verdict.ROLLED) for motion in evidence.motions[2:]]
+    with pytest.raises(EstimationError, match="most rolled aside on the rim: turn its heavy side towards"):
+        answer_evidence(replace(evidence, motions=(*evidence.motions[:2], *motions)))
+
+
 def test_too_few_strikes_are_refused_with_count_and_remedy(evidence):
     with pytest.raises(EstimationError, match=r"^2 good strikes of 2, 3 are needed.*strike again$"):
         answer_evidence(replace(evidence, motions=evidence.motions[:2]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 
 import numpy as np
@@ -11,7 +12,7 @@ from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.planning import view
 from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
-from analyze.planning.next_edge import CODE, MAX_SHIFT_M, with_next_edge
+from analyze.planning.next_edge import CODE, MAX_SHIFT_M, over_next_line, with_next_edge
 from analyze.planning.pivots import PivotAxis, pivot_axes
 from analyze.planning.plan import PlanRequest, plan_strikes
 from analyze.planning.prepared import PreparedObject, prepare_object
@@ -130,6 +131,37 @@ def test_chamfer_that_is_reached_after_balance_leaves_the_edge_as_it_is():
 def test_chamfer_that_is_reached_before_balance_takes_the_tip_over():
     for _, after in bottom_axes(3.0, 10.0):
         assert not after.carries_for(0.0)
+
+
+FIVE = np.radians(5.0)
+
+
+def test_line_that_takes_over_is_planned_for_with_the_same_placement():
+    for axis in (after for _, after in bottom_axes(4.0, 5.0)):
+        over = over_next_line(axis)
+        assert over is not None
+        out = (over.point - axis.point) @ np.stack([axis.tip, axis.plane.up]).T
+        np.testing.assert_allclose(out, 4e-3 * np.array([np.cos(FIVE), np.sin(FIVE)]), atol=1e-5)
+        np.testing.assert_array_equal(over.p_world_object, axis.p_world_object)
+    assert all(over_next_line(after) is None for _, after in bottom_axes(3.0, 60.0))
+    assert all(over_next_line(after) is None for _, after in bottom_axes(1.5, 5.0)), "too near to be told"
+
+
+def test_body_with_a_low_bevel_all_round_gets_a_plan_over_the_next_lines():
+    body = np.array([90.0, 70.0, 140.0]) * np.array(list(np.ndindex(2, 2, 2)) - np.array(0.5))
+    ends = np.sign(body)
+    model, spec = loaded(
+        convex_triangles(np.concatenate([body - ends * [0, 0, 1.0], body - ends * [4, 4, 0]]))
+    )
+    plan = plan_strikes(prepare_object(model, spec, BENCH), "0" * 64, PlanRequest(strikes=9))
+    ends_up = [strike for strike in plan.strikes if abs(strike.R_world_object[2][2]) > 0.99]
+    assert ends_up
+    # The pivot is the edge of placement, and phi that about the body's edge, 4 mm out.
+    for strike in ends_up:
+        edge = float(np.array(strike.R_world_object)[0] @ strike.pivot.point)
+        assert edge == pytest.approx(0.041, abs=1e-5) or edge == pytest.approx(0.031, abs=1e-5)
+        assert strike.phi_predicted_rad == pytest.approx(math.atan2(edge + 4e-3, 69e-3), abs=0.01)
+    assert any("the next line takes over before balance" in text for text in plan.warnings)
 
 
 def test_narrow_bevel_enlarges_the_sd_of_the_edges_place():
