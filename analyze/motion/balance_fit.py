@@ -17,8 +17,8 @@ form, integrated by parts,
     Omega' = -k sin psi + (k / g) [ sin psi s' - cos psi z' ] theta'
 
 only the velocities of the edge are left, and their errors do not accumulate: s enters theta as -(k / g) cos
-psi s. For an edge that does not move this is the pendulum equation of `pivot_fit`. On a rounded edge s is the
-sliding relative to rolling.
+psi s. Their noise enters Omega' squared, and the expected value of that is subtracted. For an edge that does
+not move this is the pendulum equation of `pivot_fit`. On a rounded edge s is the sliding relative to rolling.
 """
 
 from __future__ import annotations
@@ -102,8 +102,10 @@ def moment_balance(
     variance = np.einsum("ni,nij,nj->n", by_place, motion.covariance[inside], by_place)
     sample = replace(sample, sd=np.sqrt(np.maximum(variance, (0.1 * sample.sd) ** 2)))
 
+    path_noise = motion.covariance[inside][:, 1:, 1:]
     model = with_differences(
-        lambda sets: driven_theta(sample.time, sets, slip, lift, radius), _DIFFERENTIATION_STEPS
+        lambda sets: driven_theta(sample.time, sets, slip, lift, radius, path_noise=path_noise),
+        _DIFFERENTIATION_STEPS,
     )
     fitted = fit_model(sample, model, sample.guess)
     offset = np.zeros((3, 3)) if offset_covariance is None else offset_covariance
@@ -197,6 +199,7 @@ def driven_theta(
     lift: Array,
     radius: float,
     jump: tuple[int, Array] | None = None,
+    path_noise: Array | None = None,
 ) -> Array:
     """Tipping angles theta (n, c) [rad] of c bodies whose pivot edge slips and lifts as given.
 
@@ -212,6 +215,9 @@ def driven_theta(
         lift: (n,) or (n, c) height of the edge [m], linear between the times.
         radius: radius rho of the edge's rounding [m].
         jump: index of a time, and the jumps in angular speed (c,) [rad/s] there; None for no jump.
+        path_noise: (n, 2, 2) covariance [m^2] of the noise of slip and lift in each frame; the speeds' noise
+            enters the acceleration squared, and its expected value is subtracted. None for a path without
+            noise.
     """
     phi, k = parameters[:, 0].copy(), parameters[:, 1].copy()
     state = parameters[:, 2:4].T.copy()
@@ -219,8 +225,9 @@ def driven_theta(
     rolled, by_rounding = radius * k / _R_TIMES_K, radius * by_g
     found = np.empty((len(time), len(phi)))
     found[0] = state[0]
+    noise = np.zeros((2, 2, 1))
 
-    def rate(state: Array, s: Array, z: Array) -> Array:
+    def rate(state: Array, s: Array, z: Array, noise: Array) -> Array:
         """Time derivative (2, c) of the state of c motions: of tipping angle and Omega [rad/s, rad/s^2].
 
         Omega = theta' + (cos psi + rho / R) s + sin psi z is the angular speed theta' plus a term in the
@@ -231,6 +238,7 @@ def driven_theta(
             state: (2, c) tipping angle [rad] and Omega [rad/s].
             s: (c,) speed of the edge along the table, times k / g [rad/s].
             z: (c,) speed of the edge off the table, times k / g [rad/s].
+            noise: (2, 2, c) covariance of the noise of s and z [rad^2/s^2].
         """
         psi = phi - state[0]
         sin, cos = np.sin(psi), np.cos(psi)
@@ -243,6 +251,8 @@ def driven_theta(
             else sin * k
         )
         np.subtract((sin * s - cos * z) * speed, pull, out=found[1])
+        if path_noise is not None:
+            found[1] += sin * cos * (noise[0, 0] - noise[1, 1]) + (sin * sin - cos * cos) * noise[0, 1]
         return found
 
     # A trial step of a fit may diverge; its misfit is then no number, and the step is refused.
@@ -252,6 +262,8 @@ def driven_theta(
                 state[1] += jump[1]
             gap = float(time[i] - time[i - 1])
             s, z = by_g * ((slip[i] - slip[i - 1]) / gap), by_g * ((lift[i] - lift[i - 1]) / gap)
-            state = runge_kutta_state(partial(rate, s=s, z=z), state, gap, _MAX_STEP_S)
+            if path_noise is not None:
+                noise = (by_g / gap) ** 2 * (path_noise[i] + path_noise[i - 1])[..., None]
+            state = runge_kutta_state(partial(rate, s=s, z=z, noise=noise), state, gap, _MAX_STEP_S)
             found[i] = state[0]
     return found

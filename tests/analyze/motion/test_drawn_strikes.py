@@ -12,8 +12,11 @@ from scipy.integrate import solve_ivp
 from analyze.motion.balance_fit import moment_balance
 from analyze.motion.edge_motion import edge_motion
 from analyze.motion.pendulum_fit import pivot_fit
+from analyze.motion.pendulum_motion import trajectory
 from analyze.motion.settings import MotionSettings
 from analyze.motion.strike import analyse_motion
+from analyze.motion.tip_angle import PlanarMotion
+from analyze.types import TipAngle
 from schemas.strike_result import Verdict
 from tests.analyze.motion.drawn_strikes import EXPECTED, KINDS, draw, seen
 from tests.analyze.motion.sliding import Body, Course, push_for, simulate
@@ -170,3 +173,22 @@ def test_a_misplaced_edge_is_not_reported_as_sliding():
     good = analyse_motion(moved, task, MotionSettings())
     assert good.verdict is Verdict.GOOD
     assert abs(good.fit.phi - body.phi) < math.radians(0.03)
+
+
+def test_noise_of_the_edges_path_does_not_shift_phi():
+    """The noise of the angle moves the edge too: its speed, squared, had put phi 0.034 deg too low."""
+    rate, noise, lever, k, phi = 240.0, math.radians(0.08), 0.08, 90.0, 0.5
+    time = np.arange(110) / rate
+    true = trajectory(time, phi, k, 0.04, math.sqrt(2.14 * k * (1.0 - math.cos(phi - 0.04))))[0]
+    theta = true[true < phi + math.radians(25)]
+    n, rng, found = len(theta), np.random.default_rng(2), []
+    effect = np.stack([np.ones(n), -lever * np.cos(theta), lever * np.sin(theta)], axis=-1)
+    covariance = noise**2 * effect[:, :, None] * effect[:, None, :]
+    for _ in range(12):
+        error = rng.normal(0, noise, n)[:, None] * effect
+        still = np.zeros(n)
+        stamps = np.rint(1e9 * time[:n]).astype(np.int64)
+        angle = TipAngle(stamps, theta + error[:, 0], np.full(n, noise), still, error[:, 1])
+        motion = PlanarMotion(angle, error[:, 2], np.full(n, lever * noise), still, 0.0, covariance)
+        found.append(moment_balance(motion, (0, n), 0.0).phi - phi)
+    assert abs(np.mean(found)) < math.radians(0.01)
