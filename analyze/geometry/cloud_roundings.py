@@ -1,17 +1,19 @@
-"""Radius of the rounding of a point cloud's edges, where two fitted faces meet; lengths in m.
+"""Roundings and bevels of a point cloud's edges, where two fitted faces meet; lengths in m.
 
-The fitted faces meet in virtual sharp edges. The points between them show how much the true edge is rounded.
+The fitted faces meet in virtual sharp edges. The points between them show how much the true edge is rounded,
+or that a narrow flat face cuts it off: a bevel.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
-from analyze.geometry.hull_planes import EDGE_COSINE, FittedPlane
+from analyze.geometry.hull_planes import EDGE_COSINE, FittedPlane, weighted_fit
+from analyze.geometry.polyhedron import BoolArray
 from analyze.types import Array
 
 MAX_RADIUS, MAX_RADIUS_FRACTION = 6e-3, 0.08
@@ -26,6 +28,24 @@ MAX_RESIDUAL_SDS = 3.0
 """Distance of a point from the profile, in sd of the noise, from which on it counts alike."""
 RADIUS_ERROR, RADIUS_ERROR_FRACTION = 3e-5, 0.05
 """1 sigma of a radius beyond the noise of the points, as roundings are no perfect arcs: [m], and relative."""
+BEVEL_LEGS = 16
+"""Number of widths of a bevel compared along each face, from 1/16 of the largest radius to it."""
+BEVEL_GAIN = 20.0
+"""Excess of the misfit of the best rounding over that of the best bevel above which the edge is bevelled."""
+MIN_BEVEL_SDS = 4.0
+"""Smallest height of the sharp edge over a bevel, in sd of the noise: noise that points outwards leaves sharp
+edges empty, which looks like a small bevel."""
+BEVEL_RADIUS_ERROR = 0.7
+"""Error of a radius where the edge is a bevel, over the radius: a bevel of leg p tips about its inner end, p
+from the sharp edge; the arc that fits its points best has a radius of 1.4 p, and acts at 30 degrees as if at
+0.6 p from it."""
+BEVEL_END = 0.15
+"""Fraction of a bevel's width at each end whose points are not used for its plane: noise mixes the faces."""
+BEVEL_SD_FACTOR = 2.0
+"""Factor on the sd of a bevel's plane: its points are chosen by the bevel that they show, and an end of it is
+blurred by the noise."""
+MIN_BEVEL_POINTS = 12
+"""Smallest number of points of a bevel's plane."""
 ON_EDGE_FRACTION = 1e-3
 """Distance from an edge, over the cloud's extent, up to which a point of the hull belongs to it."""
 
@@ -58,6 +78,27 @@ class EdgeRounding:
         return float(np.linalg.norm(point - self.start - share * along))
 
 
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """Points of a cloud beside the virtual sharp edge of two of its faces."""
+
+    pair: tuple[FittedPlane, FittedPlane]
+    """The two faces."""
+    chosen: BoolArray
+    """Mask of the points (n,) of the cloud."""
+    depth: Array
+    """(k, 2) their depths below the two faces [m]; at most about `MAX_EDGE_POINTS`."""
+    room: float
+    """Depth [m] below the one face at which the largest rounding touches the other."""
+    largest: float
+    """Largest radius looked for [m]."""
+
+    @property
+    def cosine(self) -> float:
+        """Cosine of the angle between the faces' outward normals."""
+        return float(self.pair[0].normal @ self.pair[1].normal)
+
+
 def edge_roundings(
     points: Array, planes: tuple[FittedPlane, ...], sd: float, extent: float
 ) -> tuple[EdgeRounding, ...]:
@@ -66,8 +107,9 @@ def edge_roundings(
     The radius is the mean, its sd that of the distribution of the radius given the points, all radii from 0
     to `MAX_RADIUS` being equally likely before. The likelihood counts a point's distance from the profile of
     two faces and an arc that touches both, up to `MAX_RESIDUAL_SDS` (a stray point, or one of a hollow, has
-    little effect). Three errors are added: those of the faces' places, `RADIUS_ERROR`, and one as large as
-    the noise, which moves points of a curve outwards and so makes a radius not much above it look smaller.
+    little effect). Four errors are added: those of the faces' places, `RADIUS_ERROR`, one as large as the
+    noise, which moves points of a curve outwards and so makes a radius not much above it look smaller, and
+    that of a bevel taken for a rounding, in proportion to the chance that it is one.
 
     Args:
         points: (n, 3) points of the cloud [m].
@@ -78,73 +120,194 @@ def edge_roundings(
     Returns:
         Per edge its two ends (3,) [m], as if sharp, in the cloud's frame, and its radius with sd [m].
     """
-    heights = np.column_stack([plane.heights(points) for plane in planes]) if planes else np.zeros((0, 0))
-    return tuple(
-        found
-        for i, j in combinations(range(len(planes)), 2)
-        if abs(float(planes[i].normal @ planes[j].normal)) < EDGE_COSINE
-        for found in _rounding(points, heights, planes, (i, j), max(sd, 1e-6), extent)
-    )
+    sd = max(sd, 1e-6)
+    return tuple(_rounding(points, each, sd, extent) for each in _edges(points, planes, sd, extent))
 
 
-def _rounding(
-    points: Array,
-    heights: Array,
-    planes: tuple[FittedPlane, ...],
-    pair: tuple[int, int],
-    sd: float,
-    extent: float,
-) -> Iterator[EdgeRounding]:
-    """Yield the rounding of the edge between two faces; nothing if too few points lie beside it.
+def bevels(
+    points: Array, planes: tuple[FittedPlane, ...], sd: float, extent: float
+) -> tuple[FittedPlane, ...]:
+    """Planes of narrow flat faces that cut off the edges between the faces fitted to a point cloud.
+
+    An edge is bevelled if a flat face of some widths along the two faces explains the points beside it
+    better than any rounding, by `BEVEL_GAIN` in the sum of squared distances over the noise's variance, and
+    lies at least `MIN_BEVEL_SDS` below the sharp edge.
 
     Args:
         points: (n, 3) points of the cloud [m].
-        heights: (n, planes) their heights over the planes [m], negative inside.
         planes: Planar faces.
-        pair: Indices of the two faces.
         sd: 1 sigma of the noise [m].
         extent: Largest extent of the cloud [m].
     """
-    first, second = (planes[k] for k in pair)
-    cosine = float(first.normal @ second.normal)
+    sd = max(sd, 1e-6)
+    found: list[FittedPlane] = []
+    inside = points.mean(axis=0)
+    for edge in _edges(points, planes, sd, extent):
+        arc = float(_arc_misfits(edge.depth, edge.cosine, sd, _radii(edge)).min())
+        misfit, legs = _best_bevel(edge, sd)
+        height = -float(_bevel_depth(np.zeros((1, 2)), edge.cosine, legs)[0])
+        if arc - misfit < BEVEL_GAIN or height < MIN_BEVEL_SDS * sd:
+            continue
+        plane = _bevel_plane(points[edge.chosen], edge, legs, sd, inside)
+        if plane is not None:
+            found.append(plane)
+    return tuple(found)
+
+
+def _bevel_plane(points: Array, edge: _Beside, legs: Array, sd: float, inside: Array) -> FittedPlane | None:
+    """Plane fitted to the points of a bevel, with `BEVEL_SD_FACTOR` on its sd; None if they are too few.
+
+    Args:
+        points: (k, 3) points beside the edge [m].
+        edge: The edge.
+        legs: (2,) depth below each face of the bevel's end on the other one [m].
+        sd: 1 sigma of the noise [m].
+        inside: (3,) point within the body [m].
+    """
+    depth = -np.column_stack([plane.heights(points) for plane in edge.pair])
+    share = depth / legs
+    along = share[:, 0] / np.maximum(share.sum(axis=1), 1e-12)
+    on = (np.abs(along - 0.5) < 0.5 - BEVEL_END) & (
+        np.abs(_bevel_depth(depth, edge.cosine, legs)) < MAX_RESIDUAL_SDS * sd
+    )
+    plane = weighted_fit(points, on.astype(float), inside, MIN_BEVEL_POINTS)
+    return None if plane is None else replace(plane, covariance=BEVEL_SD_FACTOR**2 * plane.covariance)
+
+
+def _edges(points: Array, planes: tuple[FittedPlane, ...], sd: float, extent: float) -> Iterator[_Beside]:
+    """Yield the points beside each edge between two faces; edges with too few are left out.
+
+    Args:
+        points: (n, 3) points of the cloud [m].
+        planes: Planar faces.
+        sd: 1 sigma of the noise [m].
+        extent: Largest extent of the cloud [m].
+    """
+    heights = np.column_stack([plane.heights(points) for plane in planes]) if planes else np.zeros((0, 0))
     largest = min(MAX_RADIUS, MAX_RADIUS_FRACTION * extent)
-    # Depth of the arc's tangent points below the other face.
-    room = largest * (1 - cosine) + 4 * sd
-    depth = -heights[:, list(pair)]
-    others = [k for k in range(len(planes)) if k not in pair]
-    beside = (np.abs(depth - room / 2) < room / 2 + 4 * sd).all(axis=1)
-    # Near its corners the edge is rounded by a third face too.
-    beside &= (heights[:, others] < -room).all(axis=1)
-    if int(beside.sum()) < MIN_EDGE_POINTS:
-        return
+    for i, j in combinations(range(len(planes)), 2):
+        cosine = float(planes[i].normal @ planes[j].normal)
+        if abs(cosine) >= EDGE_COSINE:
+            continue
+        # Depth of the arc's tangent points below the other face.
+        room = largest * (1 - cosine) + 4 * sd
+        depth = -heights[:, [i, j]]
+        others = [k for k in range(len(planes)) if k not in (i, j)]
+        chosen = np.asarray((np.abs(depth - room / 2) < room / 2 + 4 * sd).all(axis=1), dtype=np.bool_)
+        # Near its corners the edge is rounded by a third face too.
+        chosen &= (heights[:, others] < -room).all(axis=1)
+        count = int(chosen.sum())
+        if count >= MIN_EDGE_POINTS:
+            some = depth[chosen][:: max(1, count // MAX_EDGE_POINTS)]
+            yield _Beside((planes[i], planes[j]), chosen, some, room, largest)
+
+
+def _rounding(points: Array, edge: _Beside, sd: float, extent: float) -> EdgeRounding:
+    """Rounding of the edge between two faces.
+
+    Args:
+        points: (n, 3) points of the cloud [m].
+        edge: Points beside the edge.
+        sd: 1 sigma of the noise [m].
+        extent: Largest extent of the cloud [m].
+    """
+    first, second = edge.pair
     along = np.cross(first.normal, second.normal)
     along /= np.linalg.norm(along)
     normals = np.stack([first.normal, second.normal, along])
     corner = np.linalg.solve(normals, np.array([first.offset, second.offset, 0.0]))
-    place = points[beside] @ along
+    place = points[edge.chosen] @ along
     # The points used end one room from the corners.
-    ends = place.min() - 2 * room, place.max() + 2 * room
+    ends = place.min() - 2 * edge.room, place.max() + 2 * edge.room
     start, end = (corner + along * float(value) for value in ends)
-    near = depth[beside][:: max(1, int(beside.sum()) // MAX_EDGE_POINTS)]
-    radius, spread = _radius(near, cosine, sd, np.linspace(0.0, largest, RADII))
+    radii = _radii(edge)
+    misfit = _arc_misfits(edge.depth, edge.cosine, sd, radii)
+    radius, spread = _radius(misfit, len(edge.depth), radii)
     middle = ((start + end) / 2)[None]
-    placed = float(np.mean([plane.variance(middle)[0] for plane in (first, second)])) / 2
+    placed = float(np.mean([plane.variance(middle)[0] for plane in edge.pair])) / 2
     # A corner farther out looks more rounded: its distance from the arc is the radius times 1/cos - 1.
-    lever = 1 / (1 - np.sqrt((1 + cosine) / 2))
-    errors = (spread, sd, lever * np.sqrt(placed), RADIUS_ERROR, RADIUS_ERROR_FRACTION * radius)
-    yield EdgeRounding(
+    lever = 1 / (1 - np.sqrt((1 + edge.cosine) / 2))
+    errors = (
+        spread,
+        sd,
+        lever * np.sqrt(placed),
+        RADIUS_ERROR,
+        RADIUS_ERROR_FRACTION * radius,
+        BEVEL_RADIUS_ERROR * radius * np.sqrt(_chance_of_bevel(edge, sd, float(misfit.min()))),
+    )
+    return EdgeRounding(
         start, end, radius, float(np.linalg.norm(errors)), max(ON_EDGE_FRACTION * extent, 2 * sd)
     )
 
 
-def _radius(depth: Array, cosine: float, sd: float, radii: Array) -> tuple[float, float]:
-    """Mean and sd [m] of the radius of a rounding, given points beside the edge.
+def _radii(edge: _Beside) -> Array:
+    """Radii [m] that are compared, from 0 to the largest."""
+    return np.linspace(0.0, edge.largest, RADII)
+
+
+def _chance_of_bevel(edge: _Beside, sd: float, arc: float) -> float:
+    """Probability that an edge is bevelled, not rounded, by Schwarz's criterion.
+
+    Args:
+        edge: Points beside the edge.
+        sd: 1 sigma of the noise [m].
+        arc: Misfit of the best rounding.
+    """
+    # A bevel has two widths, a rounding one radius.
+    gain = arc - _best_bevel(edge, sd)[0] - np.log(len(edge.depth))
+    return float(1 / (1 + np.exp(-0.5 * np.clip(gain, -100.0, 100.0))))
+
+
+def _best_bevel(edge: _Beside, sd: float) -> tuple[float, Array]:
+    """Misfit of the best bevel of an edge, and its two legs (2,) [m].
+
+    A leg is the depth, below one face, of the bevel's end on the other face. The misfit is the sum of the
+    squared distances of the points from the profile, over the noise's variance, each up to
+    `MAX_RESIDUAL_SDS` sd.
+
+    Args:
+        edge: Points beside the edge.
+        sd: 1 sigma of the noise [m].
+    """
+    step = edge.largest / BEVEL_LEGS
+    coarse = [(one, other) for one in range(1, BEVEL_LEGS + 1) for other in range(1, BEVEL_LEGS + 1)]
+    least, best = _least_bevel(edge, sd, step * np.array(coarse))
+    for _ in range(2):
+        step /= 3
+        around = best + step * np.array([(one, other) for one in range(-2, 3) for other in range(-2, 3)])
+        least, best = _least_bevel(edge, sd, around[(around > 0).all(axis=1)])
+    return least, best
+
+
+def _least_bevel(edge: _Beside, sd: float, legs: Array) -> tuple[float, Array]:
+    """Misfit and legs (2,) [m] of the best of several bevels, whose legs (m, 2) [m] are given."""
+    shallow = edge.depth.min(axis=1)
+    off = [np.minimum(shallow, _bevel_depth(edge.depth, edge.cosine, pair)) for pair in legs]
+    misfits = np.minimum((np.array(off) / sd) ** 2, MAX_RESIDUAL_SDS**2).sum(axis=1)
+    best = int(np.argmin(misfits))
+    return float(misfits[best]), legs[best]
+
+
+def _bevel_depth(depth: Array, cosine: float, legs: Array) -> Array:
+    """Depth (n,) [m] of points below a bevel's plane.
+
+    Args:
+        depth: (n, 2) depths of the points below the two faces [m].
+        cosine: Cosine of the angle between the faces' outward normals.
+        legs: (2,) depth below each face of the bevel's end on the other one [m].
+    """
+    steepness = np.sqrt(legs[0] ** -2 + legs[1] ** -2 + 2 * cosine / (legs[0] * legs[1]))
+    return ((depth / legs).sum(axis=1) - 1) / steepness
+
+
+def _arc_misfits(depth: Array, cosine: float, sd: float, radii: Array) -> Array:
+    """Misfit (r,) of roundings: sum of squared distances from the profile over the noise's variance.
 
     Args:
         depth: (n, 2) depths of the points below the two faces [m].
         cosine: Cosine of the angle between the faces' outward normals.
         sd: 1 sigma of the points across the surface [m].
-        radii: (r,) radii to compare [m], equally likely before.
+        radii: (r,) radii to compare [m].
     """
     # The arc's centre lies one radius below both faces; `across` are components along their normals.
     across = radii[:, None, None] - depth
@@ -154,8 +317,18 @@ def _radius(depth: Array, cosine: float, sd: float, radii: Array) -> tuple[float
     squared = (one**2 + other**2 - 2 * cosine * one * other) / sine2
     arc = np.sqrt(np.maximum(squared, 0.0)) - radii[:, None]
     off = np.where(on_arc, arc, -depth.min(axis=1))
-    misfit = np.minimum((off / sd) ** 2, MAX_RESIDUAL_SDS**2).sum(axis=1)
-    scatter = max(1.0, float(misfit.min()) / len(depth))
+    return np.minimum((off / sd) ** 2, MAX_RESIDUAL_SDS**2).sum(axis=1)
+
+
+def _radius(misfit: Array, count: int, radii: Array) -> tuple[float, float]:
+    """Mean and sd [m] of the radius of a rounding, given points beside the edge.
+
+    Args:
+        misfit: (r,) sum of squared distances of the points from the profile over the noise's variance.
+        count: Number of points.
+        radii: (r,) radii to compare [m], equally likely before.
+    """
+    scatter = max(1.0, float(misfit.min()) / count)
     weight = np.exp(-0.5 * (misfit - misfit.min()) / scatter)
     weight /= weight.sum()
     mean = float(weight @ radii)

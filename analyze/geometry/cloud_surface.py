@@ -26,7 +26,7 @@ from analyze.geometry.cloud_rims import (
     rim_of_face,
     rim_within_outline,
 )
-from analyze.geometry.cloud_roundings import EdgeRounding, edge_roundings
+from analyze.geometry.cloud_roundings import EdgeRounding, bevels, edge_roundings
 from analyze.geometry.cloud_smoothing import MIN_HOLLOW_DEPTH, smoothed_points
 from analyze.geometry.distance import largest_height
 from analyze.geometry.hull_planes import MIN_NOISE_FRACTION, FittedPlane, fitted_planes
@@ -110,6 +110,7 @@ def cloud_surface(points: Array) -> CloudSurface:
     noise = cloud_noise(kept, tree)
     planes = fitted_planes(kept, noise)
     sd = max([noise.sd, *(plane.scatter for plane in planes)])
+    planes = (*planes, *bevels(kept, planes, sd, extent))
     sharp = _corners(kept, tree, planes, sd, noise.spacing, extent)
     smoothed, normals, smooth_sd = smoothed_points(kept, planes, sharp, sd, noise.spacing, extent)
     rims, thin = [], []

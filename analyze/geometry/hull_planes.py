@@ -145,7 +145,7 @@ def _refined_planes(
         fitted = []
         heights = _heights(points, current, sd)
         for index in range(len(current)):
-            plane = _weighted_fit(points, face_weights(points, current, index, sd, spacing, heights), centre)
+            plane = weighted_fit(points, face_weights(points, current, index, sd, spacing, heights), centre)
             if plane is not None and not any(
                 plane.normal @ other.normal > SAME_PLANE_COSINE
                 and abs(other.heights(plane.centre[None])[0]) < SEARCH_BAND_SDS * sd
@@ -245,7 +245,9 @@ def widest_gap(flat: Array) -> float:
     return float(np.diff(np.append(angle, angle[0] + 2 * np.pi)).max())
 
 
-def _weighted_fit(points: Array, weights: Array, inside: Array) -> FittedPlane | None:
+def weighted_fit(
+    points: Array, weights: Array, inside: Array, fewest: int = MIN_FACE_POINTS
+) -> FittedPlane | None:
     """Plane by weighted total least squares, with its covariance from the residuals (White 1980).
 
     The covariance (3, 3) is that of the plane's height [m] at the weighted centroid of the points used, and
@@ -255,12 +257,13 @@ def _weighted_fit(points: Array, weights: Array, inside: Array) -> FittedPlane |
         points: (n, 3) points of the cloud [m].
         weights: (n,) weights of the points, 0 to 1.
         inside: (3,) point within the body [m]; the normal points away from it.
+        fewest: Smallest number of points.
 
     Returns:
-        The plane; None if the weights add up to less than `MIN_FACE_POINTS`.
+        The plane; None if the weights add up to less than `fewest`.
     """
     used = weights > 1e-3
-    if weights.sum() < MIN_FACE_POINTS:
+    if weights.sum() < fewest:
         return None
     chosen, weight = points[used], weights[used]
     total = float(weight.sum())
