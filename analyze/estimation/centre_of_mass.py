@@ -132,13 +132,13 @@ def _tilt(solution: JointSolution, level: int) -> TableTilt:
     """Estimated tilt of the table (2,) [rad] in levelling number `level`, with covariance and prior sd.
 
     The tilt is the lean of the vertical from the table's normal towards x and y of the world frame W, its
-    covariance (2, 2) [rad^2], its prior sd (2,) [rad]. A levelling is a set-up of the table with one unknown
+    covariance (2, 2) [rad^2], its stated sd (2,) [rad]. A levelling is a set-up of the table with one unknown
     tilt; levellings count from 0.
     """
     where, prior = solution.model.tilt_terms(level), solution.model.tilts[level]
-    sd = np.array(prior.sd)
+    sd, stated_sd = np.array(prior.sd), np.array(solution.stated.tilts()[level].sd)
     return TableTilt(
         np.array(prior.lean) + sd * solution.x[where],
         solution.covariance[where, where] * np.outer(sd, sd),
-        sd,
+        stated_sd,
     )

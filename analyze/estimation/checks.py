@@ -13,12 +13,12 @@ from analyze.estimation.joint import (
     JointSolution,
     MomentModel,
     solve_joint,
-    whitened,
     widened,
 )
 from analyze.estimation.joint_model import COM, GRAVITY, SECOND
 from analyze.estimation.priors import ComPrior, SystematicErrors
 from analyze.estimation.refit import Refit, refit_without
+from analyze.estimation.strike_data import whitened
 from analyze.types import Array, EquiPlane
 
 OPEN_GRAVITY_RELATIVE_SD = 0.2

@@ -10,15 +10,19 @@ over the mass, per kilogram, about c (second_moments.py); they determine the ine
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from analyze.estimation.joint_model import COM, LENGTHS, SECOND, JointModel
 from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
+from analyze.estimation.scatter import ErrorFactors, estimated_factors
 from analyze.estimation.second_moments import symmetric_entries, unit_inertia
+from analyze.estimation.strike_data import StrikeData, strike_data, whitened
 from analyze.types import Array, EquiPlane
 
+MAX_REESTIMATES = 4
+"""Largest number of times that the sd of scatter and of tilt are estimated."""
 MAX_ITERATIONS = 60
 """Largest number of Gauss-Newton steps."""
 CONVERGED_STEP = 1e-11
@@ -79,39 +83,6 @@ class MomentModel:
 
 
 @dataclass(frozen=True)
-class StrikeData:
-    """Measured ln k (strikes,) of all strikes, and matrices (strikes, 2, 2) that whiten their residuals.
-
-    Residuals are those of (phi, ln k): phi is the balance angle [rad], k the rate constant [rad/s^2] of the
-    motion theta'' = -k sin(phi - theta) of the tipping angle theta. Whitened residuals are independent and
-    have unit sd.
-    """
-
-    log_k: Array
-    """(strikes,) ln k, k in [rad/s^2]; 0 where it is not used."""
-    uses_k: Array
-    """(strikes,) 1 where k is used, else 0."""
-    whiten: Array
-    """(strikes, 2, 2) matrices W; W^T W is the inverse covariance of (phi, ln k)."""
-
-    @property
-    def parts(self) -> Array:
-        """Number (strikes,) of measured quantities used of each strike: 1 (balance angle) or 2 (also k).
-
-        k is the rate constant of the tipping motion.
-        """
-        return 1.0 + self.uses_k
-
-    @property
-    def precisions(self) -> Array:
-        """Inverse covariances (strikes, 2, 2) of balance angle [rad] and ln k; 0 for a k that is not used.
-
-        k is the rate constant [rad/s^2] of the tipping motion theta'' = -k sin(phi - theta).
-        """
-        return np.swapaxes(self.whiten, 1, 2) @ self.whiten
-
-
-@dataclass(frozen=True)
 class JointSolution:
     """Estimate of centre of mass, second moments and shared errors from all strikes, with covariance.
 
@@ -130,11 +101,13 @@ class JointSolution:
     weight: Array
     """(strikes,) robust weights: 1 for errors within the stated sd, towards 0 for an outlier."""
     spread: float
-    """Observed over stated variance of the strikes' scatter, at least 1 (Birge ratio squared)."""
+    """Observed over expected variance of the strikes' scatter, at least 1 (Birge ratio squared)."""
     data: StrikeData
     """Measured ln k and whitening matrices."""
     moment_prior: UnitPrior | None
     """Prior of the moments at the estimated c; None if k is not used."""
+    stated: SystematicErrors
+    """Errors as stated before any strike; those of `model` have the sd of scatter and tilt by the strikes."""
 
 
 def solve_joint(
@@ -147,14 +120,16 @@ def solve_joint(
     """Estimate centre of mass c, second moments and shared errors jointly from phi and k of all strikes.
 
     Gauss-Newton with the exact Jacobian and robust weights, at most `MAX_ITERATIONS` steps. A strike far off
-    all others loses weight (Huber 1964, with redescending weights). If the strikes scatter more than their
-    standard deviations allow, the variances of the strikes' own errors are multiplied by the ratio of
-    observed to expected scatter (Birge 1932).
+    all others loses weight (Huber 1964, with redescending weights). The sd of the scatter of phi from strike
+    to strike, and that of the table's tilt, are then estimated from the strikes (scatter.py) and the problem
+    is solved again. If phi and k still scatter more than their standard deviations allow, the variances of
+    the strikes' own errors are multiplied by the ratio of observed to expected scatter (Birge 1932).
 
     Args:
         planes: Equi-planes (plane through pivot line and c) in the object frame O with their balance angles
             phi and rate constants k, one per strike, at least one.
-        systematic: Standard deviations of errors that strikes share (table tilt, shape scale, edge radius).
+        systematic: Stated standard deviations of errors that strikes share (table tilt, shape scale, edge
+            radius) and of the scatter from strike to strike.
         prior: Prior of c.
         moments: Inputs for k, to estimate the second moments too; None to use phi alone.
         initial: Solution of a problem with the same unknowns, to start from; ignored if their number differs.
@@ -163,14 +138,74 @@ def solve_joint(
         Unknowns (c, second moments, shared errors) at the maximum of the posterior, with covariance and the
         strikes' robust weights.
     """
+    factors = ErrorFactors()
+    found = _solve(planes, systematic, prior, moments, None if initial is None else (initial.x, None))
+    for _ in range(MAX_REESTIMATES):
+        before, factors = factors, _factors(found, systematic, factors, prior, moments)
+        if factors.similar(before):
+            break
+        found = _solve(planes, factors.applied(systematic), prior, moments, (found.x, found.weight))
+    return replace(found, stated=systematic)
+
+
+def _factors(
+    found: JointSolution,
+    stated: SystematicErrors,
+    present: ErrorFactors,
+    prior: ComPrior,
+    moments: MomentModel | None,
+) -> ErrorFactors:
+    """Factors on the stated sd of scatter and tilt, from the solution with the `present` ones.
+
+    Args:
+        found: Solution of the problem with the present factors.
+        stated: Shared errors as stated before any strike.
+        present: Factors used for the solution.
+        prior: Prior of the centre of mass.
+        moments: Inputs for k; None if only the balance angles phi are used.
+    """
+    start, diagonal = prior_start(found.model, prior, moments)
+    off = diagonal * (found.x - start)
+    if found.moment_prior is not None:
+        apart, by = shape_rows(found.moment_prior, found.x)
+        off = off + by.T @ apart
+    covariance = np.asarray(
+        np.linalg.inv(_precision(diagonal, found.moment_prior, found.x)), dtype=np.float64
+    )
+    before_strikes = found.x - covariance @ off, covariance
+    return estimated_factors(
+        found.model, stated, present, found.weight, found.x, before_strikes, moments is not None
+    )
+
+
+def _solve(
+    planes: Sequence[EquiPlane],
+    systematic: SystematicErrors,
+    prior: ComPrior,
+    moments: MomentModel | None,
+    initial: tuple[Array, Array | None] | None,
+) -> JointSolution:
+    """Solve the joint problem with the sds of shared errors and scatter as they are in `systematic`.
+
+    Args:
+        planes: Equi-planes of the strikes.
+        systematic: Standard deviations of errors that strikes share, and of their scatter.
+        prior: Prior of the centre of mass.
+        moments: Inputs for k; None to use the balance angles phi alone.
+        initial: Unknowns (count,) to start from, ignored if their number differs, and robust weights
+            (strikes,) if known; None to start from the priors.
+    """
     model = JointModel(planes, systematic, None if moments is None else moments.scale)
-    data = _strike_data(planes, systematic, moments is not None)
+    data = strike_data(planes, systematic.strike_angle_sd, moments is not None)
     shape = None if moments is None else moments.prior(prior.mean)
     start, diagonal = prior_start(model, prior, moments)
-    x = start if initial is None or len(initial.x) != model.count else initial.x
-    weight = _initial_weights(
-        planes, np.hypot([plane.sd_phi for plane in planes], systematic.strike_angle_sd)
-    )
+    x, weight = (start, None) if initial is None else initial
+    if len(x) != model.count:
+        x = start
+    if weight is None:
+        weight = _initial_weights(
+            planes, np.hypot([plane.sd_phi for plane in planes], systematic.strike_angle_sd)
+        )
     z, rows = whitened(model, data, x)
     precision = _precision(diagonal, shape, x)
     for _ in range(MAX_ITERATIONS):
@@ -190,7 +225,7 @@ def solve_joint(
     spread = max(1.0, float(weight @ np.sum(z**2, axis=1)) / freedom) if freedom >= 1.0 else 1.0
     information = strikes_information(rows, weight / spread)
     covariance = np.asarray(np.linalg.inv(precision + information), dtype=np.float64)
-    return JointSolution(model, x, covariance, weight, spread, data, shape)
+    return JointSolution(model, x, covariance, weight, spread, data, shape, systematic)
 
 
 def prior_start(model: JointModel, prior: ComPrior, moments: MomentModel | None) -> tuple[Array, Array]:
@@ -215,47 +250,6 @@ def prior_start(model: JointModel, prior: ComPrior, moments: MomentModel | None)
     # units of size.
     diagonal[SECOND] = LOG_LENGTH_SD**-2 * np.array([1.0, 1.0, 1.0, *[1 / float(np.trace(inertia))] * 3])
     return model.start(prior.mean, inertia), diagonal
-
-
-def _strike_data(planes: Sequence[EquiPlane], systematic: SystematicErrors, with_k: bool) -> StrikeData:
-    """Measured ln k of the strikes, which of them use it, and matrices that whiten errors of (phi, ln k).
-
-    These are ln k (strikes,), 1 or 0 (strikes,), and matrices (strikes, 2, 2), by which errors are multiplied
-    to be independent and have unit sd. phi is the balance angle [rad]; its sd includes the
-    scatter from strike to strike (`strike_angle_sd`). k is the rate constant of the motion [rad/s^2]; it is
-    used only if `with_k` is True, and only of strikes that have a k with an sd. Where it is not used, ln k
-    and the second row of the matrix (2, 2) are 0.
-
-    Args:
-        planes: one per strike, through its pivot line and the centre of mass, with measured phi and k.
-        systematic: standard deviations of errors beside those of the fits.
-        with_k: True to use k.
-    """
-    n = len(planes)
-    covariance = np.tile(np.eye(2), (n, 1, 1))
-    log_k, uses_k = np.zeros(n), np.zeros(n)
-    for i, plane in enumerate(planes):
-        covariance[i, 0, 0] = plane.sd_phi**2 + systematic.strike_angle_sd**2
-        if with_k and plane.k is not None and plane.sd_k:
-            log_k[i], uses_k[i] = np.log(plane.k), 1.0
-            covariance[i, 1, 1] = (plane.sd_k / plane.k) ** 2
-            covariance[i, 0, 1] = covariance[i, 1, 0] = plane.cov_phi_k / plane.k
-    # Upper triangular: the first row is phi's error given that of k.
-    whiten = np.swapaxes(np.asarray(np.linalg.cholesky(np.linalg.inv(covariance)), dtype=np.float64), 1, 2)
-    whiten[uses_k == 0, 1] = 0.0
-    return StrikeData(log_k, uses_k, whiten)
-
-
-def whitened(model: JointModel, data: StrikeData, x: Array) -> tuple[Array, Array]:
-    """Standardised residuals (strikes, 2) of (phi, ln k) and their derivatives (strikes, 2, count).
-
-    phi is the balance angle, k the rate constant of the motion, count the number of unknowns. A residual is
-    the modelled minus the measured value, at the unknowns `x` (count,); it is 0 for an ln k that is not used.
-    """
-    log_k, by_log_k = model.log_k(x)
-    both = np.stack([model.residual(x), (log_k - data.log_k) * data.uses_k], axis=1)
-    rows = np.stack([model.design(x), by_log_k * data.uses_k[:, None]], axis=1)
-    return np.einsum("sij,sj->si", data.whiten, both), np.einsum("sij,sjc->sic", data.whiten, rows)
 
 
 def strikes_information(rows: Array, weight: Array) -> Array:

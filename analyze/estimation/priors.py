@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -65,6 +65,18 @@ class SystematicErrors:
         plain = [TiltPrior((0.0, 0.0), (sd, sd)) for sd in (self.gravity_tilt_sd, *self.other_tilt_sds)]
         read = [*self.readings, *[None] * (len(plain) - len(self.readings))]
         return [prior if reading is None else reading for prior, reading in zip(plain, read, strict=True)]
+
+    def with_tilt_factor(self, factor: float) -> SystematicErrors:
+        """Copy with the sd of every levelling's lean multiplied by `factor`, readings of a level included."""
+        return replace(
+            self,
+            gravity_tilt_sd=factor * self.gravity_tilt_sd,
+            other_tilt_sds=tuple(factor * sd for sd in self.other_tilt_sds),
+            readings=tuple(
+                None if each is None else TiltPrior(each.lean, (factor * each.sd[0], factor * each.sd[1]))
+                for each in self.readings
+            ),
+        )
 
 
 @dataclass(frozen=True)

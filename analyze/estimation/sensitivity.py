@@ -26,7 +26,7 @@ from analyze.estimation.joint_model import (
     JointModel,
 )
 from analyze.estimation.mass_properties import InertialParameters
-from analyze.estimation.priors import ComPrior, SystematicErrors
+from analyze.estimation.priors import ComPrior
 from analyze.types import Array
 
 NEGLIGIBLE_SHARE = 1e-9
@@ -100,7 +100,6 @@ class Sensitivity:
 
 def sensitivity(
     solution: JointSolution,
-    systematic: SystematicErrors,
     prior: ComPrior,
     whole: InertialParameters,
     bare: InertialParameters,
@@ -114,7 +113,6 @@ def sensitivity(
 
     Args:
         solution: Joint solution of all strikes.
-        systematic: Standard deviations of errors that strikes share, used for the solution.
         prior: Prior of c, used for the solution.
         whole: Parameters of the body that tipped, from the solution.
         bare: Parameters reported: `whole`, or those without markers (printed tags); c then moves by more, as
@@ -125,7 +123,7 @@ def sensitivity(
         not negligible.
     """
     factor = whole.mass / bare.mass
-    parts = {source: factor**2 * covariance for source, covariance in _shares(solution, systematic, prior)}
+    parts = {source: factor**2 * covariance for source, covariance in _shares(solution, prior)}
     parts[ErrorSource.MASS] = bare.com.covariance - factor**2 * whole.com.covariance
     total = float(np.trace(bare.com.covariance))
     return Sensitivity(
@@ -171,9 +169,7 @@ def _influences(solution: JointSolution, factor: float) -> Iterator[Influence]:
         yield Influence(plane.strike_id, plane.axis_id, moved[:, 0], moved[:, 1])
 
 
-def _shares(
-    solution: JointSolution, systematic: SystematicErrors, prior: ComPrior
-) -> Iterator[tuple[ErrorSource, Array]]:
+def _shares(solution: JointSolution, prior: ComPrior) -> Iterator[tuple[ErrorSource, Array]]:
     """Yield pairs: a source of error, and its part (3, 3) [m^2] of the covariance of the centre of mass.
 
     First noise of the frames and scatter from strike to strike, then the errors that strikes share (table
@@ -181,7 +177,7 @@ def _shares(
     """
     P, rows, precisions = solution.covariance, _rows(solution), solution.data.precisions
     scatter, noise = np.zeros((3, 3)), np.zeros((3, 3))
-    stated = np.diag([systematic.strike_angle_sd**2, 0.0])
+    stated = np.diag([solution.model.systematic.strike_angle_sd**2, 0.0])
     for i in range(len(rows)):
         parts = 2 if solution.data.uses_k[i] else 1
         precision = precisions[i, :parts, :parts] * solution.weight[i] / solution.spread

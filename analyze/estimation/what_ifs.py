@@ -16,7 +16,7 @@ from analyze.estimation.joint import JointSolution, MomentModel, solve_joint
 from analyze.estimation.joint_model import COM
 from analyze.estimation.mass_properties import InertialParameters
 from analyze.estimation.posterior import TENSOR, derived
-from analyze.estimation.priors import ComPrior, SystematicErrors, TiltPrior
+from analyze.estimation.priors import ComPrior, SystematicErrors
 from analyze.estimation.second_moments import symmetric_entries, symmetric_matrix
 from analyze.geometry.edge_radius import MAX_ASSUMED_RADIUS
 from analyze.least_squares.intervals import SIGMAS_95
@@ -113,7 +113,7 @@ def alternatives(
     """
     if not stated.com.observed:
         return ()
-    wider = _with_wider_tilt(systematic)
+    wider = systematic.with_tilt_factor(WIDER)
     # Radii beyond those that count as likely where none is given are no alternative to it.
     likely = [plane.axis_id for plane in planes if plane.edge_radius <= MAX_ASSUMED_RADIUS]
     radius = with_radius_not_given(planes, likely)
@@ -145,20 +145,6 @@ def alternatives(
     if solution.data.uses_k.any():
         found.append(compare(WhatIf.NO_K, solve_joint(planes, systematic, prior)))
     return tuple(found)
-
-
-def _with_wider_tilt(systematic: SystematicErrors) -> SystematicErrors:
-    """Copy of the strikes' shared errors with every sd of the table's tilt `WIDER` times as large."""
-    readings = tuple(
-        None if each is None else TiltPrior(each.lean, (WIDER * each.sd[0], WIDER * each.sd[1]))
-        for each in systematic.readings
-    )
-    return replace(
-        systematic,
-        gravity_tilt_sd=WIDER * systematic.gravity_tilt_sd,
-        other_tilt_sds=tuple(WIDER * sd for sd in systematic.other_tilt_sds),
-        readings=readings,
-    )
 
 
 def _most_influential(solution: JointSolution) -> Iterator[int]:

@@ -309,7 +309,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         ),
         frame_rates=tuple(rates),
         voxels=voxel_map(measured_moments(inertial), cells),
-        sensitivity=sensitivity(solution, systematic, prior, struck, inertial),
+        sensitivity=sensitivity(solution, prior, struck, inertial),
         alternatives=estimate_alternatives(evidence, used, planes, priors, solution, struck),
         edge_radii=estimated_radii(solution),
         radius_check=radius_check,

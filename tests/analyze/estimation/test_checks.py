@@ -59,7 +59,7 @@ def test_outlying_strike_fails_its_prediction():
 
 
 def test_strikes_that_the_others_leave_open_are_not_accused():
-    """Three edges that meet at a vertex, a lump inside: 1 strike in 3 failed linearly, one by 205 sd."""
+    """Three edges that meet at a vertex, a lump inside: strikes fail linearly, none by the ratio."""
     moments = drawn_sessions.model(LUMP)
     failed, nonsense = 0, 0
     for seed in range(12):
@@ -69,7 +69,7 @@ def test_strikes_that_the_others_leave_open_are_not_accused():
         found = checked_left_out(solution, PRIOR, moments)
         failed += sum(not each.agrees for each in found)
         assert not any(each.checkable for each in found if abs(each.k_off or 0.0) > 1)
-    assert nonsense >= 4
+    assert nonsense >= 2
     assert failed == 0
 
 

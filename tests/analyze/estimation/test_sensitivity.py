@@ -43,6 +43,7 @@ def solved(estimate, planes, systematic=None):
 
 def test_influence_of_a_strike_agrees_with_a_new_estimate(estimate):
     planes = equiplanes(estimate.evidence, estimate.evidence.motions)
+    # The new estimate weighs the strikes by a new scatter.
     before = solved(estimate, planes).x[COM]
     for i in (0, 5, 11):
         influence = estimate.sensitivity.strikes[i]
@@ -51,14 +52,14 @@ def test_influence_of_a_strike_agrees_with_a_new_estimate(estimate):
             replace(plane, phi=plane.phi + STEP_RAD) if j == i else plane for j, plane in enumerate(planes)
         ]
         assert np.allclose(
-            (solved(estimate, turned).x[COM] - before) / STEP_RAD, influence.by_phi, rtol=0.02, atol=2e-5
+            (solved(estimate, turned).x[COM] - before) / STEP_RAD, influence.by_phi, rtol=0.02, atol=5e-4
         )
         faster = [
             replace(p, k=p.k * (1 + 1e-5), sd_k=p.sd_k * (1 + 1e-5)) if j == i else p
             for j, p in enumerate(planes)
         ]
         assert np.allclose(
-            (solved(estimate, faster).x[COM] - before) / 1e-5, influence.by_log_k, rtol=0.02, atol=2e-5
+            (solved(estimate, faster).x[COM] - before) / 1e-5, influence.by_log_k, rtol=0.02, atol=5e-4
         )
 
 
@@ -71,7 +72,8 @@ def test_contributions_add_up_to_the_covariance(estimate):
 
 def test_contribution_of_the_tilt_agrees_with_the_strikes_influence(estimate):
     """All strikes have one heading, so that a tilt changes each phi equally."""
-    sd = systematic_errors(estimate.evidence).gravity_tilt_sd
+    planes = equiplanes(estimate.evidence, estimate.evidence.motions)
+    sd = solved(estimate, planes).model.systematic.gravity_tilt_sd
     moved = sd * sum(each.by_phi for each in estimate.sensitivity.strikes)
     part = next(share.covariance for share in estimate.sensitivity.shares if share.source is ErrorSource.TILT)
     # The strikes scatter by more than stated, which widens the covariance and not the estimate.

