@@ -231,6 +231,8 @@ class MotionFit:
     """assumptions of the estimator that the motion violated, each with the figure that shows it"""
     rolling: RollingContact | None = None
     """circle that replaces the plan's pivot point and radius; None if the edge does not roll on a curve"""
+    by_radius: tuple[float, float] = (0.0, 0.0)
+    """errors of phi [rad/m] and k [rad/s^2/m] per metre by which the edge's radius exceeds the planned one"""
 
 
 @dataclass(frozen=True)
@@ -311,7 +313,7 @@ class RadiusSource(enum.Enum):
 
 @dataclass(frozen=True)
 class RadiusPrior:
-    """Radius [m] of one edge's rounding as known before any strike: mean, two independent errors, origin."""
+    """Radius [m] of one edge's rounding as known before any strike: mean, independent errors, origin."""
 
     mean: float
     """mean [m]"""
@@ -321,11 +323,13 @@ class RadiusPrior:
     """1 sigma [m] of this edge's own deviation"""
     source: RadiusSource
     """origin of the figures"""
+    face_sd: float = 0.0
+    """1 sigma [m] of the deviation that the edges of one resting face share"""
 
     @property
     def sd(self) -> float:
-        """Standard deviation [m] of the radius, from its shared and its own error together."""
-        return math.hypot(self.common_sd, self.own_sd)
+        """Standard deviation [m] of the radius, from its shared errors and its own together."""
+        return math.hypot(self.common_sd, self.face_sd, self.own_sd)
 
 
 @dataclass(frozen=True)
@@ -385,6 +389,8 @@ class EquiPlane:
     phi_by_turn: Array | None = None
     """(3,) change of phi [rad] on a round rim by 1 sd of the markers' common turn about each axis of O, by
     which the object is put down turned; None where no such error acts"""
+    by_radius: tuple[float, float] = (0.0, 0.0)
+    """errors of phi [rad/m] and k [rad/s^2/m] per metre by which the radius exceeds `edge_radius`"""
     facet_rad: float = 0.0
     """tipping angle [rad] at which the face that ends at the pivot line lies on the table: 0 for the resting
     face; larger if the line took over from the planned edge"""

@@ -14,7 +14,7 @@ import numpy as np
 from analyze.estimation.agreement import agreement
 from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.joint import JointSolution, solve_joint
-from analyze.estimation.joint_model import OWN_RADIUS, RADIUS, centre_line_shift, radius_sds
+from analyze.estimation.joint_model import JointModel, centre_line_shift, radius_sds
 from analyze.estimation.priors import ComPrior, SystematicErrors
 from analyze.geometry.edge_radius import ASSUMED
 from analyze.types import Array, EquiPlane, RadiusPrior, RadiusSource
@@ -22,9 +22,9 @@ from analyze.types import Array, EquiPlane, RadiusPrior, RadiusSource
 REFUTED_SDS = 3.0
 """Difference between stated and measured radius of all edges, in its 1 sigma, above which the statement is
 refuted."""
-REFUTED_EDGE_SDS = 3.5
-"""Difference between stated and measured radius of one edge, in its 1 sigma, above which the statement is
-refuted; above `REFUTED_SDS`, as an object has several edges."""
+REFUTED_PART_SDS = 3.5
+"""Difference between stated and measured radius of one face's edges, or of one edge, in its 1 sigma, above
+which the statement is refuted; above `REFUTED_SDS`, as an object has several of them."""
 CHECKED_FRACTION = 0.75
 """Uncertainty of the edges' mean radius by strikes and the prior of radii that are not given, over that by
 the prior alone, up to which the strikes count as a check of what is stated."""
@@ -94,21 +94,21 @@ def strikes_determine_radius(solution: JointSolution) -> bool:
     axes = [plane for plane in _rounded_axes(solution) if plane.radius_prior == ASSUMED]
     if not axes:
         return True
-    prior_sd = np.hypot(ASSUMED.common_sd, ASSUMED.own_sd / np.sqrt(len(axes)))
+    prior_sd = np.sqrt(np.mean(_prior_covariance(solution.model, axes)))
     return bool(np.sqrt(np.mean(_radii(solution, axes)[1])) < CHECKED_FRACTION * prior_sd)
 
 
 def prior_of(plane: EquiPlane, solution: JointSolution) -> RadiusPrior:
     """Prior, from before the strikes, of the radius of the edge that an equi-plane belongs to.
 
-    It holds the mean, the sd of the error that all edges share, the sd of this edge's own deviation (all
-    [m]), and where they come from. It is the plane's own prior; without one, the plane's radius with the sd
-    that `solution` assumes for such edges.
+    It holds the mean, the sds of the errors that all edges and those of a face share, the sd of this edge's
+    own deviation (all [m]), and where they come from. It is the plane's own prior; without one, the plane's
+    radius with the sds that `solution` assumes for such edges.
     """
     if plane.radius_prior is not None:
         return plane.radius_prior
-    common, own = radius_sds(plane, solution.model.systematic)
-    return RadiusPrior(plane.edge_radius, common, own, RadiusSource.STATED)
+    common, of_face, own = radius_sds(plane, solution.model.systematic)
+    return RadiusPrior(plane.edge_radius, common, own, RadiusSource.STATED, of_face)
 
 
 def with_radius_not_given(
@@ -145,11 +145,13 @@ def _with_excess(planes: Sequence[EquiPlane], check: RadiusCheck) -> tuple[EquiP
 
     def grown(prior: RadiusPrior) -> RadiusPrior:
         # A statement that is off does not say either that the edges are alike.
-        own_sd = float(np.hypot(prior.own_sd, np.sqrt(check.excess**2 - 1) * prior.sd))
+        added = np.sqrt(check.excess**2 - 1) * prior.sd
+        own_sd, face_sd = np.hypot(prior.own_sd, added), np.hypot(prior.face_sd, added)
         return replace(
             prior,
             common_sd=max(prior.common_sd, min(check.excess * prior.common_sd, ASSUMED.common_sd)),
-            own_sd=max(prior.own_sd, min(own_sd, ASSUMED.own_sd)),
+            own_sd=max(prior.own_sd, min(float(own_sd), ASSUMED.own_sd)),
+            face_sd=max(prior.face_sd, min(float(face_sd), ASSUMED.face_sd)),
         )
 
     return tuple(
@@ -205,11 +207,11 @@ def check_stated_radii(
     All strikes are solved together with the wide prior of radii that are not given. This prior's contribution
     is then subtracted again, as an inverse covariance, so that only what the strikes say is compared: where
     they determine nothing, nothing can be refuted. The derivative of the log likelihood at the stated radii
-    (score) is tested for the mean of all stated edges, then for each edge. Only the balance angles phi are
-    used: the rate constants k of the motion add little, and with a wrong frame rate they would look like a
-    wrong radius. Where the object's faces may lie off their place, a contradiction is tested again: first
-    that error is shared by all edges of a side face, then it is each edge's own. The weaker contradiction
-    counts, since scans of real faces lie between the two.
+    (score) is tested for the mean of all stated edges, then for those of each face and for each edge. Only
+    the balance angles phi are used: the rate constants k of the motion add little, and with a wrong frame
+    rate they would look like a wrong radius. Where the object's faces may lie off their place, a
+    contradiction is tested again: first that error is shared by all edges of a side face, then it is each
+    edge's own. The weaker contradiction counts, since scans of real faces lie between the two.
 
     Args:
         planes: Equi-planes (through pivot line and centre of mass) of the strikes, with the stated radii.
@@ -247,27 +249,24 @@ def _compared(
     axes = [plane for plane in _rounded_axes(solution) if plane.axis_id in stated]
     values, covariance = _radii(solution, axes)
     ours = [stated[plane.axis_id] for plane in axes]
-    common, own = np.array([radius_sds(plane, systematic) for plane in ours]).T
     believed = np.array([plane.edge_radius for plane in ours])
-    stated_covariance = np.outer(common, common) + np.diag(own**2)
-    wide = ASSUMED.common_sd**2 + np.diag(np.full(len(axes), ASSUMED.own_sd**2))
+    stated_covariance = _prior_covariance(JointModel(ours, systematic), ours)
+    wide = _prior_covariance(solution.model, axes)
     inverse, inverse_wide = np.linalg.inv(covariance), np.linalg.inv(wide)
     information = inverse - inverse_wide
     information = (information + information.T) / 2
     score = inverse @ values - inverse_wide @ np.full(len(axes), ASSUMED.mean) - information @ believed
     variance = information + information @ stated_covariance @ information
-    mean = np.ones(len(axes))
-    together = _standardised(mean, score, variance)
-    single = [_standardised(row, score, variance) for row in np.eye(len(axes))]
-    names = [plane.axis_id for plane in axes]
-    refuted = [name for name, each in zip(names, single, strict=True) if abs(each) > REFUTED_EDGE_SDS]
+    together = difference = _standardised(np.ones(len(axes)), score, variance)
+    names, faces = [plane.axis_id for plane in axes], np.array([plane.face for plane in axes])
+    parts = np.vstack([*(faces == face for face in sorted({*faces} - {""})), np.eye(len(axes), dtype=bool)])
+    partial = np.array([_standardised(part, score, variance) for part in parts])
+    refuted = np.asarray(np.any(parts[np.abs(partial) > REFUTED_PART_SDS], axis=0))
     compared = np.ones(len(axes), dtype=bool)
-    difference = together
     if abs(together) > REFUTED_SDS:
-        refuted = names
-    elif refuted:
-        compared = np.array([name in refuted for name in names])
-        difference = max(single, key=abs)
+        refuted = compared
+    elif refuted.any():
+        compared, difference = refuted, max(partial, key=abs)
     share = compared / compared.sum()
     grown = _excess(together, information, variance, stated_covariance)
     return RadiusCheck(
@@ -276,7 +275,7 @@ def _compared(
         float(share @ values),
         float(np.sqrt(share @ covariance @ share)),
         float(difference),
-        tuple(refuted),
+        tuple(name for name, each in zip(names, refuted, strict=True) if each),
         grown,
     )
 
@@ -327,8 +326,11 @@ def _with_assumed(plane: EquiPlane) -> EquiPlane:
     The point on the plane's line moves with the centre line of the rounding.
     """
     more = ASSUMED.mean - plane.edge_radius
+    by_phi, by_k = plane.by_radius
     return replace(
         plane,
+        phi=plane.phi - by_phi * more,
+        k=None if plane.k is None else plane.k - by_k * more,
         point=plane.point + more * centre_line_shift(plane),
         edge_radius=ASSUMED.mean,
         radius_prior=ASSUMED,
@@ -349,9 +351,15 @@ def _radii(solution: JointSolution, axes: Sequence[EquiPlane]) -> tuple[Array, A
 
     `axes` holds one plane for each axis, of any strike about it.
     """
-    model = solution.model
-    rows = np.zeros((len(axes), model.count))
-    for row, plane in zip(rows, axes, strict=True):
-        row[RADIUS], row[model.axis_term(plane.axis_id, OWN_RADIUS)] = radius_sds(plane, model.systematic)
+    rows = solution.model.radius_errors([plane.axis_id for plane in axes])
     values = np.array([plane.edge_radius for plane in axes]) + rows @ solution.x
     return values, rows @ solution.covariance @ rows.T
+
+
+def _prior_covariance(model: JointModel, axes: Sequence[EquiPlane]) -> Array:
+    """Covariance (n, n) [m^2] before any strike of the radii of the edges of n pivot axes.
+
+    `axes` holds one plane for each axis, of any strike about it in `model`.
+    """
+    rows = model.radius_errors([plane.axis_id for plane in axes])
+    return rows @ rows.T

@@ -95,6 +95,7 @@ def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -
         face=planned.plane_id,
         rounded=rounded,
         radius_sd=radius_sd,
+        by_radius=fit.by_radius,
     )
 
 

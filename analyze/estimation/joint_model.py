@@ -61,6 +61,7 @@ class JointModel:
       angle, its own radius, an error of k;
     - the place of each face rested on, or rising from a pivot edge: all edges of a face lie in it, so that
       one face's error acts upwards where the object rests on it and forward where it is the side face;
+    - for each of these faces, the part of the radius that its edges share, where the object rests on it;
     - two of lean for each further levelling (set-up of the table with one lean);
     - an angle for each further heading (direction of the tip) of an axis: the camera sees another side;
     - three for the turn of all markers on the object, where strikes over round rims depend on it.
@@ -89,7 +90,8 @@ class JointModel:
         faces = sorted({face for plane in planes for face in _faces(plane)})
         first_face = FIRST_AXIS_TERM + AXIS_TERMS * len(axes)
         self.faces = len(faces)
-        self._further_levels = first_face + len(faces)
+        # Two unknowns per face: its place, and the part of the radius that its edges share.
+        self._further_levels = first_face + 2 * len(faces)
         self.tilts = systematic.tilts()
         further = self._further_levels + LEVEL_TERMS * (len(self.tilts) - 1)
         self._first = {name: FIRST_AXIS_TERM + AXIS_TERMS * number for number, name in enumerate(axes)}
@@ -126,7 +128,10 @@ class JointModel:
             self._turn[i, angles[plane.axis_id, plane.heading]] = systematic.axis_angle_sd
             if plane.phi_by_turn is not None:
                 self._turn[i, turned:] = plane.phi_by_turn
+            self._turn[i] += plane.by_radius[0] * self._radius_error[i]
             if scale is not None:
+                if plane.k is not None:
+                    self._k_error[i] += plane.by_radius[1] / plane.k * self._radius_error[i]
                 self._k_error[i, GRAVITY] = scale.gravity_sd / scale.gravity
                 self._k_error[i, first + OWN_K] = scale.k_relative_sd
 
@@ -152,7 +157,8 @@ class JointModel:
         radius, shift = np.zeros(self.count), np.zeros((3, self.count))
         forward = np.cross(plane.direction, plane.base_up)
         if plane.rounded:
-            radius[RADIUS], radius[first + OWN_RADIUS] = radius_sds(plane, systematic)
+            radius_of_face = first_face + len(faces) + faces.index(_faces(plane)[0])
+            radius[RADIUS], radius[radius_of_face], radius[first + OWN_RADIUS] = radius_sds(plane, systematic)
             shift += np.outer(centre_line_shift(plane), radius)
         else:
             # A flank's centre of curvature lies nearer to c by as much as its radius is larger.
@@ -175,6 +181,14 @@ class JointModel:
         `term` says which: `FORWARD`, `ANGLE`, `OWN_RADIUS` or `OWN_K`.
         """
         return self._first[axis_id] + term
+
+    def radius_errors(self, axis_ids: Sequence[str]) -> Array:
+        """Changes (n, count) [m] of the radii of n pivot axes' edges by 1 sd of each of the model's unknowns.
+
+        The unknowns are the edges' common radius, those of faces and of single edges; other entries are 0.
+        """
+        number = {plane.axis_id: i for i, plane in enumerate(self.planes)}
+        return self._radius_error[[number[name] for name in axis_ids]]
 
     def tilt_terms(self, level: int) -> slice:
         """Slice of the vector of unknowns that holds a levelling's two errors of lean, towards x, then y.
@@ -301,16 +315,17 @@ class JointModel:
         return rows
 
 
-def radius_sds(plane: EquiPlane, systematic: SystematicErrors) -> tuple[float, float]:
-    """Standard deviations [m] of two errors of a rounded edge's radius: shared by all edges, and its own.
+def radius_sds(plane: EquiPlane, systematic: SystematicErrors) -> tuple[float, float, float]:
+    """Standard deviations [m] of a rounded edge's radius: shared by all edges, by its resting face's, own.
 
     Args:
         plane: plane of a strike over the edge, with the prior of its radius, if it has one of its own.
         systematic: errors of edges without a prior of their own.
     """
-    if plane.radius_prior is not None:
-        return plane.radius_prior.common_sd, plane.radius_prior.own_sd
-    return systematic.edge_radius_sd, OWN_RADIUS_FRACTION * systematic.edge_radius_sd
+    prior = plane.radius_prior
+    if prior is not None:
+        return prior.common_sd, prior.face_sd, prior.own_sd
+    return systematic.edge_radius_sd, 0.0, OWN_RADIUS_FRACTION * systematic.edge_radius_sd
 
 
 def centre_line_shift(plane: EquiPlane) -> Array:

@@ -205,13 +205,13 @@ def _terms(model: JointModel) -> dict[ErrorSource, list[int]]:
     """
     axes = [FIRST_AXIS_TERM + AXIS_TERMS * number for number in range(model.axes)]
     faces = FIRST_AXIS_TERM + AXIS_TERMS * model.axes
-    levels = faces + model.faces
+    rounding, levels = faces + model.faces, faces + 2 * model.faces
     headings = levels + LEVEL_TERMS * (len(model.tilts) - 1)
     return {
         ErrorSource.TILT: [*range(TILT.start, TILT.stop), *range(levels, headings)],
         ErrorSource.SCALE: [SCALE_TERM],
-        ErrorSource.ROUNDING: [RADIUS, *(first + OWN_RADIUS for first in axes)],
-        ErrorSource.PLACE: [*(first + FORWARD for first in axes), *range(faces, levels)],
+        ErrorSource.ROUNDING: [RADIUS, *(first + OWN_RADIUS for first in axes), *range(rounding, levels)],
+        ErrorSource.PLACE: [*(first + FORWARD for first in axes), *range(faces, rounding)],
         ErrorSource.ANGLE: [*(first + ANGLE for first in axes), *range(headings, model.count)],
         ErrorSource.K: [GRAVITY, *(first + OWN_K for first in axes)],
     }

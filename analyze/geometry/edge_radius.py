@@ -10,21 +10,28 @@ from schemas.object_spec import ObjectSpec
 
 MAX_ASSUMED_RADIUS = 1.5e-3
 """Largest radius [m] of an edge where none is given: up to it all radii count as equally likely."""
+FACE_OVER_OWN = 2.0
+"""1 sigma of the deviation that the edges of one resting face share, over each edge's own.
+
+A mould, a cut or a fold makes the edges round one face alike, and those of another face unlike them. Strikes
+over many edges average out each one's own deviation, but not that of a face.
+"""
 ASSUMED = RadiusPrior(
     MAX_ASSUMED_RADIUS / 2,
     MAX_ASSUMED_RADIUS / math.sqrt(24),
-    MAX_ASSUMED_RADIUS / math.sqrt(12),
+    MAX_ASSUMED_RADIUS / math.sqrt(24),
     RadiusSource.ASSUMED,
+    FACE_OVER_OWN * MAX_ASSUMED_RADIUS / math.sqrt(24),
 )
-"""Radius where none is given: each edge's own, with mean and variance of the uniform distribution, as glued,
-cut and moulded edges of one object differ.
+"""Radius where none is given: mean of the uniform distribution, and three deviations.
 
-A common part of half that variance is added, as one tool or mould may make all edges alike: many edges then
-do not average it out. Intervals of the centre of mass hold 94 % where all radii are independent, 98 % where
-they are equal, 88 to 92 % where half the edges have 0.3 mm and half 1.5 mm.
+The part that all edges share and each edge's own have the distribution's variance together. The part of a
+face has the variance of the difference of two such radii, so that two faces may have edges of 0.3 and 2 mm.
 """
-OWN_FRACTION = 0.45
-"""Least 1 sigma of one edge's radius about that of all edges, over the stated 1 sigma."""
+MAX_SCANNED_SD = MAX_ASSUMED_RADIUS / math.sqrt(12)
+"""1 sigma of a radius seen on a scan [m] above which it is not used."""
+OWN_FRACTION = 0.32
+"""Least 1 sigma of one edge's radius about the mean of its face, over the stated 1 sigma."""
 STATED_SD, STATED_SD_FRACTION = 1e-4, 0.2
 """1 sigma [m] of a stated radius without one: the first, plus this fraction of the radius. A gauge in steps
 of 0.25 mm, or a photograph beside a ruler, is no better."""
@@ -47,17 +54,18 @@ def stated_radius(spec: ObjectSpec) -> RadiusPrior:
     if radius is None or (radius == 0 and sd == 0):
         return ASSUMED
     common = sd or default_radius_sd(radius)
-    return RadiusPrior(radius, common, _own_sd(radius, common), RadiusSource.STATED)
+    own = _own_sd(radius, common)
+    return RadiusPrior(radius, common, own, RadiusSource.STATED, FACE_OVER_OWN * own)
 
 
 def _own_sd(radius: float, sd: float) -> float:
-    """Standard deviation [m] of one edge's radius about the mean of all; `radius` ± `sd` [m] is stated.
+    """Standard deviation [m] of one edge's radius about the mean of its face; `radius` ± `sd` [m] is stated.
 
     A single radius can be measured to `default_radius_sd`. What a stated sd has beyond that comes from edges
-    that differ, as those of an object with edges of 0.3 and of 2 mm. The result is at least `OWN_FRACTION`
-    of `sd`.
+    that differ, as those of an object with edges of 0.3 and of 2 mm: half of its variance is each edge's own.
+    The result is at least `OWN_FRACTION` of `sd`.
     """
-    spread = math.sqrt(max(sd**2 - default_radius_sd(radius) ** 2, 0.0))
+    spread = math.sqrt(max(sd**2 - default_radius_sd(radius) ** 2, 0.0) / 2)
     return max(OWN_FRACTION * sd, spread)
 
 
@@ -89,7 +97,7 @@ def edge_radius(
             sd = entry.radius_sd_m or default_radius_sd(entry.radius_m)
             return RadiusPrior(entry.radius_m, 0.0, sd, RadiusSource.EDGE)
     stated, seen = stated_radius(spec), scanned_radius(model, point, direction)
-    if seen is None or seen.sd > ASSUMED.own_sd:
+    if seen is None or seen.sd > MAX_SCANNED_SD:
         return stated
     if stated.source is RadiusSource.ASSUMED:
         return seen

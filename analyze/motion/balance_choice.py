@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.errors import EstimationError
-from analyze.motion.balance_fit import moment_balance
+from analyze.motion.balance_fit import EdgeErrors, moment_balance
 from analyze.motion.creep_error import creep_error
 from analyze.motion.free_motion import (
     frame_noise,
@@ -91,7 +91,8 @@ def balance_instead_of_hinge(
         Raises:
             EstimationError: the fit fails.
         """
-        return moment_balance(edge.motion, frames, planned.pivot.radius_m, phi, edge.offset_covariance)
+        errors = EdgeErrors(edge.offset_covariance, edge.by_radius)
+        return moment_balance(edge.motion, frames, planned.pivot.radius_m, phi, errors)
 
     try:
         fit = balance(window)

@@ -24,7 +24,7 @@ not move this is the pendulum equation of `pivot_fit`. On a rounded edge s is th
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -59,12 +59,24 @@ _START_K = 70.0
 """first guess of k [rad/s^2], for a body of 0.2 m"""
 
 
+@dataclass(frozen=True)
+class EdgeErrors:
+    """Errors of the edge's measured motion (slip along the table, lift off it) that all frames share."""
+
+    offset: Array
+    """(3, 3) covariance [m^2] of the edge's assumed position along and off the table, and of its radius where
+    the motion shows it"""
+    by_radius: Array
+    """(n, 2) errors of slip and lift per metre by which the edge's radius exceeds the assumed one, in every
+    frame of the strike"""
+
+
 def moment_balance(
     motion: PlanarMotion,
     window: tuple[int, int],
     radius: float,
     phi: float | None = None,
-    offset_covariance: Array | None = None,
+    errors: EdgeErrors | None = None,
 ) -> MotionFit:
     """Fit phi, k, theta0, omega0 by the moment balance, with the edge's measured motion, over one window.
 
@@ -77,13 +89,14 @@ def moment_balance(
         radius: radius of the edge's rounding [m].
         phi: first guess of the balance angle phi [rad], for a motion unlike that of a hinge (edge in place);
             None to take the guess from theta(t).
-        offset_covariance: (3, 3) covariance [m^2] of the edge's assumed position along and off the table, and
-            of its radius; None if they are exact.
+        errors: errors of the edge's motion that all frames share, by its assumed position and radius; None
+            if both are exact.
 
     Returns:
         The fit, with estimator "moment_balance": balance angle phi [rad], rate k [rad/s^2] (for an edge in
         place that of theta'' = -k sin(phi - theta)), theta0 [rad] and omega0 [rad/s] (theta and its rate at
-        the window's first frame), the (2, 2) covariance of (phi, k), and residuals of theta [rad].
+        the window's first frame), the (2, 2) covariance of (phi, k), their errors by the radius, and
+        residuals of theta [rad].
 
     Raises:
         EstimationError: the window has too few frames, or the best fit is not a tip over an edge.
@@ -108,14 +121,15 @@ def moment_balance(
         _DIFFERENTIATION_STEPS,
     )
     fitted = fit_model(sample, model, sample.guess)
-    offset = np.zeros((3, 3)) if offset_covariance is None else offset_covariance
-    covariance = _covariance(
+    if errors is None:
+        errors = EdgeErrors(np.zeros((3, 3)), np.zeros((len(angle.theta), 2)))
+    covariance, by_radius = _covariance(
         sample,
         fitted.parameters,
         model(fitted.parameters)[1],
         fitted.residual,
         (slip, lift, radius),
-        (motion.covariance[inside], offset),
+        (motion.covariance[inside], replace(errors, by_radius=errors.by_radius[inside])),
     )
     fit = motion_fit(ESTIMATOR, angle, window, replace(fitted, covariance=covariance))
     first = slice(0, min(_START_FRAMES, len(sample.time)))
@@ -123,7 +137,7 @@ def moment_balance(
     psi = fit.phi - fit.theta0
     k = float(fitted.parameters[1])
     turning = k / G * ((math.cos(psi) + radius * k / _R_TIMES_K) * s_rate + math.sin(psi) * z_rate)
-    return replace(fit, omega0=fit.omega0 - turning)
+    return replace(fit, omega0=fit.omega0 - turning, by_radius=by_radius)
 
 
 def _slope(time: Array, values: Array) -> float:
@@ -138,9 +152,12 @@ def _covariance(
     jacobian: Array,
     residual: Array,
     edge: tuple[Array, Array, float],
-    known: tuple[Array, Array],
-) -> Array:
-    """Covariance (2, 2) of phi and k, caused by errors of theta, slip, lift and the edge's position.
+    known: tuple[Array, EdgeErrors],
+) -> tuple[Array, tuple[float, float]]:
+    """Covariance (2, 2) of phi and k by errors of theta, slip, lift and edge's position; errors by radius.
+
+    The latter are those of phi [rad/m] and k [rad/s^2/m] per metre by which the edge's radius exceeds the
+    assumed one.
 
     theta is the tipping angle, phi the balance angle [rad], k the rate of the tip [rad/s^2]. The part caused
     by theta, slip and lift is multiplied by the ratio of the residuals' variance to the variance expected
@@ -153,11 +170,11 @@ def _covariance(
         jacobian: (n, 4) derivatives of theta by them.
         residual: (n,) measured minus fitted theta [rad].
         edge: slip (n,) [m], lift (n,) [m], radius of the rounding [m].
-        known: (n, 3, 3) covariance of theta, slip, lift in every frame [rad, m]; (3, 3) covariance of the
-            edge's position and radius [m^2].
+        known: (n, 3, 3) covariance of theta, slip, lift in every frame [rad, m]; errors that these n frames
+            share.
     """
     n = len(sample.time)
-    (slip, lift, radius), (frames, offset) = edge, known
+    (slip, lift, radius), (frames, shared) = edge, known
     step = 1e-5
     moved = np.concatenate([np.zeros((n, 1)), step * np.eye(n)], axis=1)
     still = np.zeros((n, n + 1))
@@ -186,10 +203,12 @@ def _covariance(
     # The edge's position error is common to all frames, so that it leaves next to nothing in the residuals.
     covariance = (
         solve @ noise @ solve.T * max(_MIN_VARIANCE_SCALE, found / expected)
-        + solve @ by_offset @ offset @ by_offset.T @ solve.T
+        + solve @ by_offset @ shared.offset @ by_offset.T @ solve.T
     )
     covariance = covariance * np.outer(scale, scale)
-    return np.asarray(covariance[:2, :2], dtype=np.float64)
+    rolled = np.einsum("ija,ja->i", effect[..., 1:], shared.by_radius - shared.by_radius[0])
+    by_phi, by_k = (scale * (solve @ rolled))[:2]
+    return np.asarray(covariance[:2, :2], dtype=np.float64), (float(by_phi), float(by_k))
 
 
 def driven_theta(

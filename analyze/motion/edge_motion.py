@@ -70,6 +70,9 @@ class EdgeMotion:
     beyond the assumed one [m]"""
     offset_covariance: Array
     """(3, 3) covariance of `offset` [m^2]"""
+    by_radius: Array
+    """(n, 2) errors of slip and lift in every frame, per metre by which the edge's radius exceeds the planned
+    one"""
 
 
 def edge_motion(motion: PlanarMotion, window: tuple[int, int]) -> EdgeMotion:
@@ -93,7 +96,11 @@ def edge_motion(motion: PlanarMotion, window: tuple[int, int]) -> EdgeMotion:
         return found
     # The edge may have held although the point is farther off it than its prior allows.
     misplaced = _offset_of_held_edge(theta, angle.slip[used], motion.lift[used], sd)
-    return found if misplaced is None else _corrected(motion, used, *misplaced, sd)
+    if misplaced is None:
+        return found
+    held = _corrected(motion, used, *misplaced, sd)
+    # The radius was fitted as well.
+    return replace(held, by_radius=np.zeros_like(held.by_radius))
 
 
 def lift_off_frame(motion: PlanarMotion, window: tuple[int, int]) -> int | None:
@@ -184,7 +191,22 @@ def _corrected(motion: PlanarMotion, used: slice, offset: Array, covariance: Arr
         max(0.0, smooth_range(lift[used], sd)),
         offset * [-1.0, -1.0, 1.0],
         covariance,
+        _error_by_radius(angle.theta, covariance[:2, :2] / _offset_sd(motion) ** 2),
     )
+
+
+def _error_by_radius(theta: Array, unseen: Array) -> Array:
+    """Errors (n, 2) of corrected slip and lift per metre by which the edge's radius exceeds the planned one.
+
+    With a larger radius the edge rolls farther, by theta per metre, and its centre line lies farther back and
+    higher than the assumed one by as much. Of this offset, the correction leaves what the lift did not show.
+
+    Args:
+        theta: (n,) tipping angle [rad].
+        unseen: (2, 2) covariance of the fitted offset, over its variance before the measurement.
+    """
+    left = unseen @ np.array([1.0, -1.0])
+    return displacement_per_error(theta) @ np.append(left, 1.0)
 
 
 def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array, offset_sd: float) -> tuple[Array, Array]:

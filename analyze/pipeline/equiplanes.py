@@ -69,8 +69,16 @@ def equiplanes(
         gravity_ratio = evidence.manifest.g_m_s2 / evidence.recordings[index].manifest.g_m_s2
         k = None if plane.k is None else plane.k * gravity_ratio
         sd_k = None if plane.sd_k is None else plane.sd_k * gravity_ratio
+        by_phi, by_k = plane.by_radius
         found.append(
-            replace(plane, k=k, sd_k=sd_k, cov_phi_k=plane.cov_phi_k * gravity_ratio, level=levels[index])
+            replace(
+                plane,
+                k=k,
+                sd_k=sd_k,
+                cov_phi_k=plane.cov_phi_k * gravity_ratio,
+                by_radius=(by_phi, by_k * gravity_ratio),
+                level=levels[index],
+            )
         )
     return tuple(found)
 

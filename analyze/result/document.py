@@ -98,6 +98,7 @@ def _strike_rows(estimate: Estimate) -> list[StrikeResult]:
             index.get(motion.strike_id),
             estimate.com,
             estimate.solved_scale,
+            estimate.edge_radii,
         )
         row = row.model_copy(update={"prediction": predictions.get(row.id)})
         if row.id in estimate.options.exclude:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from schemas.strike_result import AlternativeFit, PredictionResult, StrikeResult
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from analyze.estimation.edge_radii import EdgeRadius
     from analyze.estimation.mass_properties import CentreOfMass
     from analyze.estimation.priors import Scale
     from analyze.pipeline.prediction import StrikePrediction
@@ -32,6 +34,7 @@ def strike_result(
     index: int | None,
     com: CentreOfMass,
     scale: Scale,
+    radii: Sequence[EdgeRadius],
 ) -> StrikeResult:
     """Entry of one strike in the Result document: verdict, fitted values, and its part in the estimate.
 
@@ -43,13 +46,14 @@ def strike_result(
         com: centre of mass, whose residuals and distances belong to the strikes used.
         scale: mass m and gravity g, from which the moment of inertia about the edge, I_edge = m g R / k,
             follows, with R the distance of the centre of mass from the edge.
+        radii: estimated radii of the edges; the fit assumed the planned one.
 
     Returns:
         Entry of the strike. The values of the fit (balance angle, rate constant k, residual rms) are None
         without a fit. The distance [m] of the centre of mass from the strike's equi-plane is None if the
         strike was not used; I_edge [kg m²] is None if the strike or its k was not used.
     """
-    fit = motion.fit
+    fit = None if motion.fit is None else _with_radius_error(motion.fit, planned, radii)
     values: dict[str, Any] = {}
     if fit is not None:
         values["estimator"] = fit.estimator
@@ -88,6 +92,19 @@ def strike_result(
         alternatives=[_alternative(other) for other in motion.alternatives],
         **values,
     )
+
+
+def _with_radius_error(fit: MotionFit, planned: PlannedStrike, radii: Sequence[EdgeRadius]) -> MotionFit:
+    """Copy of a strike's fit whose covariance of (phi, k) includes the error of the edge's planned radius.
+
+    phi is the balance angle, k the rate constant. The error is the root mean square difference of the
+    estimated radius from the planned one; the fit is returned unchanged if its edge has none in `radii`.
+    """
+    own = next((each for each in radii if each.axis_id == planned.axis_id), None)
+    if own is None:
+        return fit
+    variance = own.sd**2 + (own.value - planned.pivot.radius_m) ** 2
+    return replace(fit, covariance=fit.covariance + variance * np.outer(fit.by_radius, fit.by_radius))
 
 
 def prediction_document(prediction: StrikePrediction) -> PredictionResult:

@@ -19,7 +19,7 @@ from rich.table import Table
 
 from analyze.errors import EstimationError
 from analyze.least_squares.intervals import SIGMAS_95
-from analyze.motion.balance_fit import moment_balance
+from analyze.motion.balance_fit import EdgeErrors, moment_balance
 from analyze.motion.edge_motion import edge_motion
 from analyze.motion.pendulum_fit import pivot_fit
 from analyze.motion.pendulum_motion import trajectory
@@ -78,7 +78,8 @@ def estimators(strike: Strike, chosen: MotionFit) -> dict[str, MotionFit]:
 
 def _balance(strike: Strike, window: tuple[int, int]) -> MotionFit:
     edge = edge_motion(strike.motion, window)
-    return moment_balance(edge.motion, window, strike.body.rho, offset_covariance=edge.offset_covariance)
+    errors = EdgeErrors(edge.offset_covariance, edge.by_radius)
+    return moment_balance(edge.motion, window, strike.body.rho, errors=errors)
 
 
 def accuracy(count: int, seed: int, slides: bool, console: Console) -> None:

@@ -91,6 +91,20 @@ def session(
     return found, errors
 
 
+def expecting(planes: list[EquiPlane], prior: RadiusPrior) -> list[EquiPlane]:
+    """Planes as if they had been planned with the prior's radius."""
+    more = prior.mean - PLANNED
+    return [
+        replace(
+            plane,
+            point=plane.point + more * (plane.up - np.cross(plane.direction, plane.up)),
+            edge_radius=prior.mean,
+            radius_prior=prior,
+        )
+        for plane in planes
+    ]
+
+
 def deviations(sessions) -> np.ndarray:
     """Errors (sessions, 3) of the centre of mass over their stated sd."""
     found = []
@@ -186,22 +200,50 @@ def test_wide_statement_covers_edges_that_differ():
     def stated(seed: int, prior: RadiusPrior):
         radii = dict(zip(axes, rng.permutation([3e-4] * 3 + [2e-3] * 3).tolist(), strict=True))
         planes, errors = session(seed, radii)
-        more = SPREAD.mean - PLANNED
-        moved = [
-            replace(
-                plane,
-                point=plane.point + more * (plane.up - np.cross(plane.direction, plane.up)),
-                edge_radius=SPREAD.mean,
-                radius_prior=prior,
-            )
-            for plane in planes
-        ]
-        return moved, errors
+        return expecting(planes, prior), errors
 
     alike = replace(SPREAD, own_sd=0.3 * SPREAD.common_sd)
     apart = deviations(stated(seed, SPREAD) for seed in range(40))
     assert np.mean(np.abs(deviations(stated(seed, alike) for seed in range(40))) < 1.96) < 0.85
     assert np.mean(np.abs(apart) < 1.96) >= 0.92
+
+
+@pytest.mark.parametrize(("prior", "large"), [(SPREAD, 2e-3), (ASSUMED, 1.5e-3)])
+def test_faces_whose_edges_differ_from_those_of_others_are_inside(prior, large):
+    """Edges of 0.3 mm round one end, larger ones round the other; as each edge's own error, c_z was off."""
+    axes = (*UPRIGHT, (2, 1, 1, 1), (2, 1, 0, 1))
+    names = [planned_strike(BODY, *axis).axis_id for axis in axes]
+
+    def struck(seed: int, prior: RadiusPrior):
+        below, above = (large, 3e-4) if seed % 2 else (3e-4, large)
+        radii = {name: below if name.startswith("z-") else above for name in names}
+        planes, errors = session(seed, radii, axes=axes)
+        return expecting(planes, prior), errors
+
+    alike = replace(prior, face_sd=0.0, own_sd=2**0.5 * prior.own_sd)
+    before = deviations(struck(seed, alike) for seed in range(16))
+    after = deviations(struck(seed, prior) for seed in range(16))
+    assert np.mean(np.abs(before[:, 2]) < 1.96) < 0.85
+    assert np.mean(np.abs(after) < 1.96) >= 0.9
+    assert np.abs(after).max() < 2 * 1.96
+
+
+def test_k_that_errs_with_the_radius_is_corrected_by_it():
+    """The moment balance's k is 1 % too large for each millimetre by which the radius exceeds the planned."""
+    before, after, names = [], [], [planned_strike(BODY, *axis).axis_id for axis in NINE]
+    rng = np.random.default_rng(3)
+    for seed in range(16):
+        radii = dict(zip(names, rng.uniform(0, 1.5e-3, len(names)).tolist(), strict=True))
+        planes, errors = session(seed, radii, axes=NINE)
+        planes = expecting(
+            [replace(each, k=each.k * (1 + 10 * (radii[each.axis_id] - ASSUMED.mean))) for each in planes],
+            ASSUMED,
+        )
+        before.append((planes, errors))
+        after.append(([replace(each, by_radius=(0.0, 10 * each.k)) for each in planes], errors))
+    rms = [np.sqrt(np.mean(deviations(sessions) ** 2)) for sessions in (before, after)]
+    assert rms[1] < 0.85 * rms[0]
+    assert rms[1] < 1.2
 
 
 def test_axes_that_check_the_radius_are_told_from_those_that_do_not():

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analyze.motion.balance_fit import moment_balance
+from analyze.motion.balance_fit import EdgeErrors, moment_balance
 from analyze.motion.edge_motion import edge_motion
 from analyze.motion.edge_offset import displacement_per_offset
 from tests.analyze.motion.drawn_strikes import seen
@@ -38,7 +38,8 @@ def test_a_point_beside_a_hopping_edge_neither_slides_nor_lifts_nor_shifts_phi(o
     found = edge_motion(motion, window)
     assert found.lift_range < HOP
     assert found.slide_range < 1.5e-3  # the edge itself slides by 1.1 mm
-    fit = moment_balance(found.motion, window, body.rho, None, found.offset_covariance)
+    errors = EdgeErrors(found.offset_covariance, found.by_radius)
+    fit = moment_balance(found.motion, window, body.rho, None, errors)
     assert abs(fit.phi - body.phi) < math.radians(0.02)
 
 
