@@ -105,9 +105,10 @@ class Regions(RenamedDocument, SparseDocument):
     """Masses of the shell (outer wall) and of the interior on either side of a dividing plane.
 
     The plane is n.x = offset in O, the object's frame: x a position, n the unit normal, which points towards
-    the upper region. Intervals hold for a model body, a uniform shell with two uniform parts inside. If no
-    model body has the measured mass, centre of mass and inertia (`explained` is false), the intervals are the
-    limits under any filling, and the plane divides the object in the middle of its longest direction.
+    the upper region. Intervals hold for a model body: a uniform shell with two uniform parts inside, on
+    either side of a plane, or one of them a ball (a lump, a void). If no model body has the measured mass,
+    centre of mass and inertia (`explained` is false), the intervals are the limits under any filling, and the
+    plane divides the object in the middle of its longest direction.
     """
 
     left_out: ClassVar[tuple[str, ...]] = ("explained", "shell_thickness")

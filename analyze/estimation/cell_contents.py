@@ -10,52 +10,71 @@ from numpy.typing import NDArray
 from analyze.estimation.cells import Cells
 from analyze.types import TENSOR_ENTRIES, Array
 
+_SAME_PLACE = 1e-6
+"""Distance over a clump's edge, within which a cell on the border of two clumps counts to the upper one:
+rounding errors are smaller."""
+
 
 @dataclass(frozen=True)
 class CutPieces:
-    """The body's interior in n pieces with volume and moments, prepared to be cut by many planes.
+    """The body's interior in n pieces with volume and moments, prepared to be cut by many surfaces.
 
-    `places` (4, n) are coordinates from the body's middle in units of `pitch` (the width of the layer in
-    which a cut piece counts in part), and 1. `contents` (n, 10) are volume [m^3], first moments [m^4] and
-    second moments [m^5] about the measured centre of mass, at unit density. Numbers are float32, so that
-    moments have a relative error of 1e-6.
+    Numbers are float32, so that moments have a relative error of 1e-6.
     """
 
     places: NDArray[np.float32]
-    """(4, n) coordinates from the body's middle in pitches, and 1."""
+    """(5, n) coordinates from the body's middle in pitches (3), 1, and the sum of their squares."""
     contents: NDArray[np.float32]
-    """(n, 10) volume, first and second moments about the measured centre of mass, at unit density."""
+    """(n, 10) volume [m^3] (1), first (3) and second moments (6: xx, yy, zz, xy, xz, yz) [m^4, m^5] about the
+    measured centre of mass, at unit density."""
     pitch: float
-    """Width [m] of the layer about a plane in which a piece counts in part."""
+    """Width [m] of the layer about a surface in which a piece counts in part: the edge of a piece."""
 
     @classmethod
     def from_cells(cls, points: Array, contents: Array, pitch: float) -> CutPieces:
-        """Pieces of the interior at `points` (n, 3) with `contents` (n, 10), rounded to float32.
+        """Pieces of the interior at `points` (n, 3) [m], from the body's middle, rounded to float32.
 
-        `points` [m] are relative to the body's middle. `contents` are the pieces' volume [m^3] (1), and at
-        unit density their first moments [m^4] (3) and second moments [m^5] (xx, yy, zz, xy, xz, yz), about
-        the measured centre of mass. `pitch` is a piece's edge [m].
+        `contents` (n, 10) are their volume and moments, as in the field of this name; `pitch` is a piece's
+        edge [m].
         """
+        places = points.T / pitch
         return cls(
-            np.vstack([points.T / pitch, np.ones(len(points))]).astype(np.float32),
+            np.vstack([places, np.ones(len(points)), np.sum(places**2, axis=0)]).astype(np.float32),
             contents.astype(np.float32),
             pitch,
         )
 
-    def above(self, normals: Array, heights: Array) -> Array:
-        """Volume, first and second moments (b, 10) of the interior above each of b planes.
+    def shares(self, surfaces: Array) -> NDArray[np.float32]:
+        """Fraction (b, n) of each of the n pieces above each of the surfaces (b, 5).
 
-        Above is the side of the normal. Columns: volume [m^3], first moments (3) [m^4], second moments (6)
-        [m^5] in the order xx, yy, zz, xy, xz, yz, about the measured centre of mass along the axes of O. They
-        are continuous in the plane: a piece that it cuts counts in part.
-
-        Args:
-            normals: (b, 3) unit normals, in the object frame O.
-            heights: (b,) heights over the body's middle [m].
+        It is continuous in the surface: a piece that it cuts counts in part.
         """
-        share = np.column_stack([normals, 0.5 - heights / self.pitch]).astype(np.float32) @ self.places
+        share = np.column_stack(
+            [surfaces[:, :3], 0.5 - surfaces[:, 3] / self.pitch, -0.5 * self.pitch * surfaces[:, 4]]
+        ).astype(np.float32)
+        share = share @ self.places
         np.clip(share, 0.0, 1.0, out=share)
-        return np.asarray(share @ self.contents, dtype=np.float64)
+        return share
+
+    def above(self, surfaces: Array) -> Array:
+        """Volume, first and second moments (b, 10) of the interior above each of the surfaces (b, 5).
+
+        Columns: volume [m^3], first moments (3) [m^4], second moments (6) [m^5] in the order xx, yy, zz, xy,
+        xz, yz, about the measured centre of mass along the axes of the object frame O, at unit density.
+        """
+        return np.asarray(self.shares(surfaces) @ self.contents, dtype=np.float64)
+
+    def beyond_plane(self, surfaces: Array, plane: Array) -> Array:
+        """Fractions (b, 2) of the volumes above and below each surface (b, 5) that are above a `plane` (5,).
+
+        A part without volume has the fraction 0.
+        """
+        volumes = self.contents[:, 0].astype(np.float64)
+        beyond = volumes * self.shares(plane[None])[0]
+        inside = np.asarray(self.shares(surfaces) @ np.column_stack([volumes, beyond]), dtype=np.float64)
+        outside = np.array([volumes.sum(), beyond.sum()]) - inside
+        parts = np.maximum(np.stack([inside, outside], axis=1), 0.0)
+        return parts[..., 1] / np.maximum(parts[..., 0], 1e-9 * volumes.sum())
 
 
 def cell_contents(cells: Cells, about: Array) -> Array:
@@ -76,7 +95,8 @@ def cell_contents(cells: Cells, about: Array) -> Array:
 def clumped(points: Array, contents: Array, pitch: float) -> tuple[Array, Array]:
     """Centroids (m, 3) [m] and contents (m, 10) of clumps: all cells in one cube of edge `pitch`.
 
-    The contents of a clump are the sums of those of its cells.
+    The contents of a clump are the sums of those of its cells. A cell on the border of two cubes counts to
+    the upper one.
 
     Args:
         points: (n, 3) centroids of the cells [m].
@@ -84,7 +104,7 @@ def clumped(points: Array, contents: Array, pitch: float) -> tuple[Array, Array]
             xy, xz, yz, of each cell.
         pitch: Edge of the cubes [m].
     """
-    cube = np.floor(points / pitch).astype(np.int64)
+    cube = np.floor(points / pitch + _SAME_PLACE).astype(np.int64)
     cube -= cube.min(axis=0)
     size = cube.max(axis=0) + 1
     _, clump = np.unique((cube[:, 0] * size[1] + cube[:, 1]) * size[2] + cube[:, 2], return_inverse=True)

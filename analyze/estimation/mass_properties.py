@@ -141,6 +141,11 @@ class ShellThickness:
     swept: tuple[float, float]
     """least and greatest thickness that were tried [m]"""
 
+    @property
+    def observed(self) -> bool:
+        """False if the measured moments leave the thickness open within the range that was tried."""
+        return self.interval != self.swept
+
 
 @dataclass(frozen=True)
 class MassDistribution:
@@ -157,15 +162,15 @@ class MassDistribution:
     covariance: Array
     """(n, n) covariance of the masses [kg^2]"""
     intervals: Array
-    """(n, 2) 95 % intervals [kg] for a body divided by one plane, or `limits` if `explained` is False"""
+    """(n, 2) 95 % intervals [kg] if a plane or a ball divides the body, or `limits` if not `explained`"""
     limits: Array
     """(n, 2) bounds [kg] that hold for any filling of the interior of a uniform shell"""
     misfit: float
-    """chi^2 of the measured moments of inertia at the best dividing plane"""
+    """chi^2 of the measured moments of inertia for the best plane or ball that divides the interior"""
     explained: bool
     """True if `misfit` is within the errors of measurement"""
     dividing_plane_normal: Array
-    """(3,) unit normal in O; if no plane explains the moments, the plane through the body's middle"""
+    """(3,) unit normal in O; the plane passes through the body's middle if `two_parts_explain` is False"""
     dividing_plane_offset: float
     """offset of the dividing plane from O's origin along its normal [m]"""
     dividing_plane_offset_interval: tuple[float, float]
@@ -175,3 +180,7 @@ class MassDistribution:
     assumption's name"""
     shell: ShellThickness | None = None
     """shell thickness; None if the object file states it"""
+    two_parts_explain: bool = True
+    """True if two uniform parts on either side of a plane have the measured moments"""
+    lump_explains: bool = False
+    """True if two uniform parts inside and outside of a ball (a lump, a void) have the measured moments"""

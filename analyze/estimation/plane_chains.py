@@ -1,118 +1,149 @@
-"""Posterior of the plane that divides a body's interior in two, by Metropolis chains that cool down."""
+"""Posterior of the plane or ball that divides a body's interior, by Metropolis chains that cool down."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from analyze.estimation.region_problem import DividingPlanes, RegionProblem
+from analyze.estimation.dividing_surfaces import Kind, are_balls, balls, oriented, planes
+from analyze.estimation.region_problem import RegionProblem, SolvedSurfaces
 from analyze.types import Array, IntArray
 
-RANDOM_PLANES = 3000
-"""Number of random positions of the dividing plane from which the chains start."""
+RANDOM_SURFACES = 3000
+"""Number of random planes from which the chains start; half of it for balls."""
+RADII = (0.1, 0.6)
+"""Smallest and largest radius of a ball over the cube root of the interior's volume. A smaller lump has
+nearly the moments of one of the smallest radius; the largest has nearly the interior's volume."""
 CHAINS = 200
 """Number of Metropolis chains."""
 COOLING_MOVES, KEPT_STEPS = 2, 10
 """Steps of each chain at every temperature while it cools, and at the end, when every position is kept."""
-EFFECTIVE_CHAINS = 0.5 * CHAINS
-"""Effective number of chains (sum of weights squared over sum of squares) that a lower temperature leaves."""
+EFFECTIVE_SHARE = 0.5
+"""Effective share of the chains (sum of weights squared over sum of squares) at the next temperature."""
 DIFFERENCE_MOVES = 0.5
 """Share of the moves along the difference of two other chains, which scales with the mode's width (ter Braak
 2006)."""
 MOVE_SIZES = (0.02, 0.1, 0.3)
-"""Sizes [rad] of the moves that do not follow the difference of two chains."""
+"""Sizes of the other moves: of a plane's angle [rad], of a ball's log radius, and of shifts, over
+`MOVE_REACH`."""
+MOVE_REACH = 0.3
+"""Size of a shift over the body's longest extent, for a move of size 1."""
 
 
 @dataclass(frozen=True)
-class PlaneChains:
+class SurfaceChains:
     """Present states of b Metropolis chains (random walks), with the log posterior of each.
 
-    The state of a chain is a plane that divides the body's interior in two.
+    The state of a chain is a plane, or a ball, that divides the body's interior in two uniform parts.
     """
 
-    planes: DividingPlanes
+    solved: SolvedSurfaces
     """Position of each chain, with the mass shares that fit it."""
     log_posterior: Array
     """(b,) log posterior, the mass shares integrated out."""
 
     @classmethod
-    def of_planes(cls, planes: DividingPlanes) -> PlaneChains:
-        """Chains (random walks over dividing planes) at b start planes, with the planes' log posteriors (b,).
+    def of_surfaces(cls, solved: SolvedSurfaces) -> SurfaceChains:
+        """Chains (random walks) at b start surfaces, with the surfaces' log posteriors (b,).
 
-        Each plane divides the body's interior in two. A log posterior is the logarithm, up to a constant, of
-        the plane's probability given the measurements; -1e300 for a plane with next to nothing of the
-        interior on one side.
+        Each surface, a plane or a ball, divides the body's interior in two. A log posterior is the logarithm,
+        up to a constant, of the surface's probability given the measurements; -1e300 for a plane with next to
+        nothing of the interior on one side, and for a ball that is mostly outside the interior.
         """
-        possible = np.where(planes.both_sides_filled, planes.shares.log_mass - planes.chi_square / 2, -1e300)
-        return cls(planes, possible)
+        return cls(
+            solved, np.where(solved.both_sides_filled, solved.shares.log_mass - solved.chi_square / 2, -1e300)
+        )
 
-    def selected(self, chosen: IntArray) -> PlaneChains:
-        """Chains (random walks over dividing planes) with the indices `chosen` (n,), in this order."""
-        fields = (getattr(self.planes, name)[chosen] for name in self.planes.__dataclass_fields__)
-        return PlaneChains(DividingPlanes(*fields), self.log_posterior[chosen])
+    def selected(self, chosen: NDArray[Any]) -> SurfaceChains:
+        """Chains (random walks over dividing surfaces) with the indices, or the mask, `chosen`."""
+        fields = (getattr(self.solved, name)[chosen] for name in self.solved.__dataclass_fields__)
+        return SurfaceChains(SolvedSurfaces(*fields), self.log_posterior[chosen])
 
 
-def plane_posterior(problem: RegionProblem, rng: np.random.Generator) -> tuple[PlaneChains, float]:
-    """Draws of the plane that divides the interior in two, and the log evidence of the shell's thickness.
+def surface_posterior(
+    problem: RegionProblem, rng: np.random.Generator, kind: Kind
+) -> tuple[SurfaceChains, float]:
+    """Draws of the surface that divides the interior in two, and the log evidence of the shell's thickness.
 
-    Metropolis chains start at random planes, from which they are resampled as the temperature falls to 1 (Del
-    Moral, Doucet and Jasra 2006). So they find all modes of the plane's posterior and occupy each in its
-    proportion. The evidence, a likelihood of the thickness, is the mean of prior times likelihood over planes
-    everywhere: the product of the ratios between successive temperatures.
+    The surface is a plane between two uniform parts, or a ball: a lump or a void in a uniform remainder,
+    which may be empty. Metropolis chains start at random surfaces, from which they are resampled as the
+    temperature falls to 1 (Del Moral, Doucet and Jasra 2006). So they find all modes of the posterior and
+    occupy each in its proportion. The evidence, a likelihood of the thickness, is the mean of prior times
+    likelihood over surfaces everywhere: the product of the ratios between successive temperatures.
 
     Args:
         problem: Measured moments and the body, from which the masses follow, for one shell thickness.
         rng: Random generator.
+        kind: Kind of body: divided by planes, by balls, or by balls with nothing outside.
 
     Returns:
-        Dividing planes with their log posterior: one per chain (`CHAINS`) and step (`KEPT_STEPS`), 2000 in
+        Dividing surfaces with their log posterior: one per chain (`CHAINS`) and step (`KEPT_STEPS`), 2000 in
         all; and the log evidence, up to a constant that all thicknesses share.
     """
-    normals = _unit(rng.standard_normal((RANDOM_PLANES, 3)))
-    heights = rng.uniform(-0.5, 0.5, RANDOM_PLANES) * problem.reach
-    chains = PlaneChains.of_planes(problem.solve(normals, heights, coarsely=True))
+    start = _random_planes(problem, rng) if kind is Kind.TWO_PARTS else _random_balls(problem, rng)
+    alone = kind is Kind.LONE_LUMP
+    chains = SurfaceChains.of_surfaces(problem.solve(start, coarsely=True, empty_below=alone))
     # n and -n are one plane: all normals on one side, so that differences of two chains are meaningful.
-    near = normals[int(np.argmax(chains.log_posterior))]
+    near = start[int(np.argmax(chains.log_posterior)), :3]
 
-    def solved(normals: Array, heights: Array, *, coarsely: bool = False) -> PlaneChains:
-        return PlaneChains.of_planes(problem.solve(*oriented(normals, heights, near), coarsely=coarsely))
+    def solved(surfaces: Array, *, coarsely: bool = False) -> SurfaceChains:
+        return SurfaceChains.of_surfaces(
+            problem.solve(oriented(surfaces, near), coarsely=coarsely, empty_below=alone)
+        )
 
     coldness, log_evidence = 0.0, 0.0
     while coldness < 1.0:
-        colder = _next_coldness(coldness, chains.log_posterior)
+        colder = _next_coldness(coldness, chains.log_posterior, EFFECTIVE_SHARE * CHAINS)
         gain, first = (colder - coldness) * chains.log_posterior, coldness == 0.0
         log_evidence += _log_mean_exp(gain)
         chosen, coldness = _resampled(gain, CHAINS, rng), colder
         chains = chains.selected(chosen)
         if first:
             # With all normals on one side from here on.
-            chains = solved(chains.planes.normals, chains.planes.heights, coarsely=True)
+            chains = solved(chains.solved.surfaces, coarsely=True)
         for _ in range(COOLING_MOVES):
-            there = solved(*_proposals(chains.planes, problem.reach, rng), coarsely=True)
+            there = solved(_proposals(chains.solved.surfaces, problem, rng), coarsely=True)
             chains = _metropolis_step(chains, there, 1.0 / coldness, rng)
-    coarse, chains = chains.log_posterior, solved(chains.planes.normals, chains.planes.heights)
+    coarse, chains = chains.log_posterior, solved(chains.solved.surfaces)
     log_evidence += _log_mean_exp(chains.log_posterior - coarse)
-    kept: list[PlaneChains] = []
+    kept: list[SurfaceChains] = []
     for _ in range(KEPT_STEPS):
-        chains = _metropolis_step(chains, solved(*_proposals(chains.planes, problem.reach, rng)), 1.0, rng)
+        there = solved(_proposals(chains.solved.surfaces, problem, rng))
+        chains = _metropolis_step(chains, there, 1.0, rng)
         kept.append(chains)
-    chains = PlaneChains(
-        DividingPlanes.concatenate([each.planes for each in kept]),
+    chains = SurfaceChains(
+        SolvedSurfaces.concatenate([each.solved for each in kept]),
         np.concatenate([each.log_posterior for each in kept]),
     )
     return chains, log_evidence
 
 
-def _next_coldness(coldness: float, log_posterior: Array) -> float:
-    """Next inverse temperature, up to 1, at which `EFFECTIVE_CHAINS` of n Metropolis chains still count.
+def _random_planes(problem: RegionProblem, rng: np.random.Generator) -> Array:
+    """Surfaces (`RANDOM_SURFACES`, 5): planes of any direction, at any height within the body's reach."""
+    heights = rng.uniform(-0.5, 0.5, RANDOM_SURFACES) * problem.reach
+    return planes(_unit(rng.standard_normal((RANDOM_SURFACES, 3))), heights)
+
+
+def _random_balls(problem: RegionProblem, rng: np.random.Generator) -> Array:
+    """Surfaces (b, 5): balls about any point of the interior, of any log radius in `RADII`."""
+    low, high = np.log(problem.interior_size * np.array(RADII))
+    radii = np.exp(rng.uniform(low, high, RANDOM_SURFACES // 2))
+    return balls(problem.random_points(len(radii), rng), radii)
+
+
+def _next_coldness(coldness: float, log_posterior: Array, least: float) -> float:
+    """Next inverse temperature, up to 1, at which `least` of n Metropolis chains still count.
 
     The posterior is raised to the inverse temperature, which grows to 1 in steps. After a step each chain has
     the weight exp(step * log posterior); they count as (sum of weights)^2 / sum of squared weights.
 
     Args:
         coldness: Present inverse temperature.
-        log_posterior: (n,) log posteriors of the chains' planes.
+        log_posterior: (n,) log posteriors of the chains' surfaces.
+        least: Effective number of chains.
     """
 
     def effective(colder: float) -> float:
@@ -120,11 +151,11 @@ def _next_coldness(coldness: float, log_posterior: Array) -> float:
         return float(weight.sum() ** 2 / np.sum(weight**2))
 
     low, high = coldness, 1.0
-    if effective(high) >= EFFECTIVE_CHAINS:
+    if effective(high) >= least:
         return high
     while high - low > max(1e-3 * low, 1e-9):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if effective(middle) >= EFFECTIVE_CHAINS else (low, middle)
+        low, high = (middle, high) if effective(middle) >= least else (low, middle)
     return high
 
 
@@ -135,44 +166,52 @@ def _log_mean_exp(values: Array) -> float:
 
 
 def _metropolis_step(
-    chains: PlaneChains, there: PlaneChains, temperature: float, rng: np.random.Generator
-) -> PlaneChains:
-    """Metropolis chains after one step: each keeps its dividing plane, or takes the one proposed to it.
+    chains: SurfaceChains, there: SurfaceChains, temperature: float, rng: np.random.Generator
+) -> SurfaceChains:
+    """Metropolis chains after one step: each keeps its dividing surface, or takes the one proposed to it.
 
     Args:
-        chains: planes of the b chains, with their log posterior.
-        there: the b proposed planes, with their log posterior.
+        chains: surfaces of the b chains, with their log posterior.
+        there: the b proposed surfaces, with their log posterior.
         temperature: 1 samples the posterior; above 1 moves to a lower posterior are accepted more often.
         rng: random generator.
     """
     raised = there.log_posterior + temperature * rng.exponential(size=len(there.log_posterior))
     accept = raised > chains.log_posterior
-    return PlaneChains(
-        chains.planes.replaced_where(accept, there.planes),
+    return SurfaceChains(
+        chains.solved.replaced_where(accept, there.solved),
         np.where(accept, there.log_posterior, chains.log_posterior),
     )
 
 
-def _proposals(planes: DividingPlanes, reach: float, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Proposed planes for b Metropolis chains: normals (b, 3) and heights (b,) [m] over the body's middle.
+def _proposals(surfaces: Array, problem: RegionProblem, rng: np.random.Generator) -> Array:
+    """Proposed surfaces (b, 5) for b Metropolis chains: planes for planes, balls for balls.
 
-    Each plane is turned and shifted at random; a proposal and its reverse are equally likely. A share
-    `DIFFERENCE_MOVES` of them moves by the difference of two other chains' planes.
+    Each is turned, shifted and scaled at random; a proposal and its reverse are equally likely. A share
+    `DIFFERENCE_MOVES` of them moves by the difference of two other chains. A ball whose radius would leave
+    the range `RADII` stays.
 
     Args:
-        planes: Present positions of the chains.
-        reach: Extent of the body along its longest direction [m], which scales the shifts.
+        surfaces: (b, 5) present positions of the chains, all planes or all balls.
+        problem: Measured moments and the body, whose size scales the shifts.
         rng: Random generator.
     """
-    many = len(planes.heights)
-    size = rng.choice(MOVE_SIZES, size=many)
-    turn = size[:, None] * rng.standard_normal((many, 3))
-    shift = 0.3 * size * reach * rng.standard_normal(many)
+    many, shift = len(surfaces), MOVE_REACH * problem.reach
+    size = rng.choice(MOVE_SIZES, size=many)[:, None]
     first, second = rng.integers(many, size=(2, many))
-    along = rng.uniform(size=many) < DIFFERENCE_MOVES
-    turn = np.where(along[:, None], planes.normals[first] - planes.normals[second] + 0.05 * turn, turn)
-    shift = np.where(along, planes.heights[first] - planes.heights[second] + 0.05 * shift, shift)
-    return _unit(planes.normals + turn), planes.heights + shift
+    along = rng.uniform(size=(many, 1)) < DIFFERENCE_MOVES
+    if not are_balls(surfaces).any():
+        state = surfaces[:, :4]
+        move = size * np.array([1.0, 1.0, 1.0, shift]) * rng.standard_normal((many, 4))
+        state = state + np.where(along, state[first] - state[second] + 0.05 * move, move)
+        return planes(_unit(state[:, :3]), state[:, 3])
+    radii = 1.0 / surfaces[:, 4:]
+    state = np.hstack([surfaces[:, :3] * radii, np.log(radii)])
+    move = size * np.array([shift, shift, shift, 1.0]) * rng.standard_normal((many, 4))
+    state = state + np.where(along, state[first] - state[second] + 0.05 * move, move)
+    low, high = np.log(problem.interior_size * np.array(RADII))
+    within = (low < state[:, 3:]) & (state[:, 3:] < high)
+    return np.where(within, balls(state[:, :3], np.exp(np.clip(state[:, 3], low, high))), surfaces)
 
 
 def _resampled(log_weight: Array, count: int, rng: np.random.Generator) -> IntArray:
@@ -180,16 +219,6 @@ def _resampled(log_weight: Array, count: int, rng: np.random.Generator) -> IntAr
     weight = np.exp(log_weight - log_weight.max())
     edges = np.cumsum(weight) / weight.sum()
     return np.minimum(np.searchsorted(edges, (np.arange(count) + rng.uniform()) / count), len(weight) - 1)
-
-
-def oriented(normals: Array, heights: Array, towards: Array) -> tuple[Array, Array]:
-    """Normals (b, 3) and heights (b,) [m] of b planes, with all normals on the side of `towards` (3,).
-
-    A plane whose normal points to the other side has the signs of normal and height reversed, and so stays in
-    place.
-    """
-    side = np.where(normals @ towards < 0, -1.0, 1.0)
-    return normals * side[:, None], heights * side
 
 
 def _unit(vectors: Array) -> Array:

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analyze.estimation.cells import Cells, ShellCells
+from analyze.estimation.dividing_surfaces import Kind, are_balls, oriented, planes
 from analyze.estimation.mass_properties import InertialParameters, MassDistribution, ShellThickness
-from analyze.estimation.plane_chains import PlaneChains, oriented, plane_posterior
+from analyze.estimation.plane_chains import SurfaceChains, surface_posterior
 from analyze.estimation.region_limits import RegionBounds
 from analyze.estimation.region_problem import RegionProblem
 from analyze.estimation.truncated_normal import shortest_intervals
@@ -19,12 +20,15 @@ from analyze.types import Array
 REGION_NAMES = ("shell", "upper", "lower")
 """Names of the regions in results: shell, interior above and below the dividing plane."""
 MIN_PROBABILITY = 0.02
-"""Probability of the smallest chi^2 below which the body is not a shell with two uniform parts inside."""
+"""Probability of the smallest chi^2 below which the body is not a shell with two uniform parts inside, on
+either side of a plane, or inside and outside of a ball."""
 MIN_THICKNESS_PROBABILITY = 0.005
 """Smallest probability of a shell thickness that is taken into account."""
 THICKNESS_STRIDE, EXAMINED_LOG_EVIDENCE = 3, 5.0
 """Stride of the thicknesses that are examined first, and the log evidence below the largest one down to which
 their neighbours are examined too."""
+LUMP_SHAPE_ERROR = 0.01
+"""Error of a region's mass over the object's mass, since a lump is no ball of one density."""
 THICKNESS_DRAWS = 4000
 """Number of draws of the thickness."""
 
@@ -32,16 +36,21 @@ THICKNESS_DRAWS = 4000
 def mass_distribution(
     parameters: InertialParameters, cells: Cells, rng: np.random.Generator, walls: Sequence[ShellCells] = ()
 ) -> MassDistribution:
-    """Masses of three uniform regions: shell (R1), interior where n.x > offset (R2) and elsewhere (R3).
+    """Masses of shell (R1), interior where n.x > offset (R2) and elsewhere (R3), for a body of uniform parts.
 
-    The shell is the body's outer wall. n is the unit normal of the plane n.x = offset that divides the
-    interior, in the object frame O, at an angle of at most 90 deg to the body's longest direction. Metropolis
-    chains draw direction and offset of this plane from its posterior, with the mass shares integrated out.
-    For each plane the shares are then drawn from their normal distribution, truncated at zero.
+    The shell is the body's outer wall. The interior has two uniform parts, one of which may be empty: on
+    either side of a plane, or inside and outside of a ball (a lump, a void). Metropolis chains draw this
+    plane or ball from its posterior, with the mass shares integrated out. For each the shares are then drawn
+    from their normal distribution, truncated at zero.
 
-    The intervals hold for a body of three such regions. If even the best plane leaves a misfit beyond
-    measurement error, the body is of another kind: then the dividing plane passes through its middle, normal
-    to its longest direction, and the intervals are the bounds for any filling of a uniform shell.
+    n is the unit normal of the plane n.x = offset, in the object frame O, at an angle of at most 90 deg to
+    the body's longest direction. It is the best plane that divides the interior in two uniform parts. If none
+    has the measured moments, it passes through the body's middle, normal to its longest direction. The masses
+    of a body with a ball are those on either side of it.
+
+    The ball is also tried with nothing outside: few draws come near this corner of all possibilities. The
+    intervals hold for bodies of these kinds. If even the best of them leaves a misfit beyond measurement
+    error, the body is of another kind: then the intervals are the bounds for any filling of a uniform shell.
 
     Args:
         parameters: Mass, centre of mass and moments with their joint covariance.
@@ -53,9 +62,9 @@ def mass_distribution(
     Returns:
         Masses (3,) of R1, R2, R3 [kg] with covariance and 95 % intervals, and the dividing plane in O.
     """
-    posterior = _shell_posterior(parameters, cells, rng)
-    bounds = RegionBounds.over_walls(parameters, [(0.0, posterior.problem)] if not walls else [], walls)
-    return _distribution([posterior], np.ones(1), parameters, bounds, rng)
+    kinds = [_KindPosterior((_shell_posterior(parameters, cells, rng, kind),), np.ones(1)) for kind in Kind]
+    bounds = RegionBounds.over_walls(parameters, [(0.0, kinds[0].first.problem)] if not walls else [], walls)
+    return _distribution(kinds, parameters, bounds, rng)
 
 
 def mass_distribution_over(
@@ -64,10 +73,11 @@ def mass_distribution_over(
     rng: np.random.Generator,
     walls: Sequence[ShellCells] = (),
 ) -> MassDistribution:
-    """Masses of three uniform regions, averaged over an unknown shell thickness.
+    """Masses of shell and interior on either side of a plane, averaged over an unknown shell thickness.
 
-    The regions are the shell (outer wall) and the interior on either side of a plane. The weight of a
-    thickness is its evidence: the probability of the measured moments with this thickness.
+    The shell is the outer wall. The interior has two uniform parts, on either side of the plane or inside and
+    outside of a ball, as for `mass_distribution`. The weight of a thickness is its evidence: the probability
+    of the measured moments with this thickness.
 
     Args:
         parameters: Mass, centre of mass and moments with their joint covariance.
@@ -79,67 +89,123 @@ def mass_distribution_over(
 
     Returns:
         Masses (3,) [kg] of shell, interior above and below the plane (above is the side of its normal), with
-        covariance and 95 % intervals; the plane in the object frame O; the estimated thickness [m].
+        covariance and 95 % intervals; the plane in the object frame O; the thickness [m], open if no parts on
+        either side of a plane have the measured moments.
     """
-    by_shell = _likely_posteriors(parameters, shells, rng)
-    posteriors = list(by_shell.values())
-    evidence = np.full(len(shells), -np.inf)
-    evidence[list(by_shell)] = [each.log_evidence for each in posteriors]
-    weight = np.exp(evidence - evidence.max())
-    weight /= weight.sum()
-    problems = [(shells[i].thickness, each.problem) for i, each in by_shell.items()]
-    others = [shell for i, shell in enumerate(shells) if i not in by_shell]
-    bounds = RegionBounds.over_walls(parameters, problems, [*others, *walls])
-    found = _distribution(posteriors, weight[list(by_shell)], parameters, bounds, rng)
+    kinds: list[_KindPosterior] = []
+    weights: list[Array] = []
+    problems: dict[int, RegionProblem] = {}
+    for kind in Kind:
+        by_shell = _likely_posteriors(parameters, shells, rng, kind)
+        evidence = np.full(len(shells), -np.inf)
+        evidence[list(by_shell)] = [each.log_evidence for each in by_shell.values()]
+        weight = np.exp(evidence - evidence.max())
+        weight /= weight.sum()
+        kinds.append(_KindPosterior(tuple(by_shell.values()), weight[list(by_shell)]))
+        weights.append(weight)
+        problems |= {i: each.problem for i, each in by_shell.items()}
+    others = [shell for i, shell in enumerate(shells) if i not in problems]
+    solved = [(shells[i].thickness, problem) for i, problem in problems.items()]
+    bounds = RegionBounds.over_walls(parameters, solved, [*others, *walls])
+    found = _distribution(kinds, parameters, bounds, rng)
+    by_planes = kinds[0].explains
+    weight = np.mean(
+        [w for kind, w in zip(kinds, weights, strict=True) if kind.explains or not by_planes], axis=0
+    )
+    return replace(found, shell=_shell_thickness(shells, weight if by_planes else None, rng))
+
+
+def _shell_thickness(
+    shells: Sequence[ShellCells], weight: Array | None, rng: np.random.Generator
+) -> ShellThickness:
+    """Thickness [m] of the shell with 95 % interval, from the probabilities `weight` (n,) of n thicknesses.
+
+    Without `weight` it is open: the interval is the range of all thicknesses. `shells` are in a geometric
+    series; each stands for an equal range of the logarithm.
+    """
     logs = np.log([shell.thickness for shell in shells])
     step = float(logs[1] - logs[0])
     drawn = np.exp(
         rng.choice(logs, size=THICKNESS_DRAWS, p=weight) + rng.uniform(-0.5, 0.5, THICKNESS_DRAWS) * step
     )
-    low, high = (float(end[0]) for end in shortest_intervals(drawn[:, None], 0.0))
     swept = (float(np.exp(logs[0] - step / 2)), float(np.exp(logs[-1] + step / 2)))
-    return replace(found, shell=ShellThickness(float(drawn.mean()), float(drawn.std()), (low, high), swept))
+    low, high = (
+        swept if weight is None else (float(end[0]) for end in shortest_intervals(drawn[:, None], 0.0))
+    )
+    return ShellThickness(float(drawn.mean()), float(drawn.std()), (low, high), swept)
 
 
 @dataclass(frozen=True)
 class _ShellPosterior:
-    """Posterior of dividing plane and region masses for one shell thickness, as draws.
+    """Posterior of dividing surface and region masses for one shell thickness, as draws.
 
-    The plane divides the interior into an upper and a lower part; the third region is the shell.
+    The surface, a plane or a ball, divides the interior into an upper and a lower part; the third region is
+    the shell.
     """
 
     problem: RegionProblem
-    """Moments of the regions as functions of the dividing plane, and the measured ones."""
-    chains: PlaneChains
-    """Dividing planes drawn from their posterior."""
+    """Moments of the regions as functions of the dividing surface, and the measured ones."""
+    chains: SurfaceChains
+    """Dividing planes and balls drawn from their posterior."""
     log_evidence: float
     """Log evidence of the thickness, up to a constant that all thicknesses share."""
-    draws: Array
-    """(n, 3) masses of shell, upper and lower part [kg], one draw per dividing plane."""
+    shares: Array
+    """(n, 3) mass shares of shell, upper and lower part, one draw per dividing surface."""
+    mass: Array
+    """(n,) draws of the object's mass [kg]."""
     misfit: float
     """Smallest chi^2 of the draws."""
 
+    @property
+    def balls(self) -> bool:
+        """True if the dividing surfaces are balls, False if they are planes."""
+        return bool(are_balls(self.chains.solved.surfaces).any())
+
+
+@dataclass(frozen=True)
+class _KindPosterior:
+    """Posteriors of bodies of one kind, as `Kind` lists them, for each of w shell thicknesses."""
+
+    posteriors: tuple[_ShellPosterior, ...]
+    """(w,) posteriors of dividing surface and masses."""
+    weight: Array
+    """(w,) probabilities of the thicknesses, given the kind."""
+
+    @property
+    def first(self) -> _ShellPosterior:
+        """Posterior for the likeliest thickness."""
+        return self.posteriors[int(np.argmax(self.weight))]
+
+    @property
+    def explains(self) -> bool:
+        """True if a body divided by planes, or balls, has the measured moments within their errors."""
+        fitted = len(self.posteriors) > 1
+        return self.first.problem.probability(self.first.misfit, thickness_fitted=fitted) >= MIN_PROBABILITY
+
 
 def _shell_posterior(
-    parameters: InertialParameters, cells: Cells, rng: np.random.Generator
+    parameters: InertialParameters, cells: Cells, rng: np.random.Generator, kind: Kind
 ) -> _ShellPosterior:
-    """Posterior of dividing plane and region masses for one shell thickness, as draws, with its evidence.
+    """Posterior of dividing surface and region masses for one shell thickness, as draws, with its evidence.
 
-    The regions are the shell (outer wall), and the interior above and below the plane. The draws of their
-    masses are (n, 3) [kg], one per drawn plane. The evidence is the log probability of the measured moments
-    with this thickness, up to a constant. `cells` are the small pieces of the body divided for it.
+    The regions are the shell (outer wall), and the interior above and below the surface: a plane or, by
+    `kind` of body, a ball. The draws of their mass shares are (n, 3), one per drawn surface. The evidence is
+    the log probability of the measured moments with this thickness, up to a constant. `cells` are the small
+    pieces of the body divided for it.
     """
     problem = RegionProblem(parameters, cells)
-    chains, log_evidence = plane_posterior(problem, rng)
-    shares = chains.planes.shares.draw(rng)
-    masses = shares * rng.normal(parameters.mass, parameters.mass_sd, len(shares))[:, None]
-    return _ShellPosterior(problem, chains, log_evidence, masses, float(chains.planes.misfit(shares).min()))
+    chains, log_evidence = surface_posterior(problem, rng, kind)
+    shares = chains.solved.shares.draw(rng)
+    mass = rng.normal(parameters.mass, parameters.mass_sd, len(shares))
+    return _ShellPosterior(
+        problem, chains, log_evidence, shares, mass, float(chains.solved.misfit(shares).min())
+    )
 
 
 def _likely_posteriors(
-    parameters: InertialParameters, shells: Sequence[ShellCells], rng: np.random.Generator
+    parameters: InertialParameters, shells: Sequence[ShellCells], rng: np.random.Generator, kind: Kind
 ) -> dict[int, _ShellPosterior]:
-    """Posteriors of masses and dividing plane for the likely shell thicknesses, by index in `shells`.
+    """Posteriors of masses and dividing surface for the likely shell thicknesses, by index in `shells`.
 
     Every third thickness is examined, and each neighbour of one whose log evidence (log probability of the
     measured moments with this thickness) is within `EXAMINED_LOG_EVIDENCE` of the largest. Keys ascend; all
@@ -148,7 +214,7 @@ def _likely_posteriors(
     found: dict[int, _ShellPosterior] = {}
     wanted = set(range(0, len(shells), THICKNESS_STRIDE))
     while wanted:
-        found |= {i: _shell_posterior(parameters, shells[i].cells, rng) for i in sorted(wanted)}
+        found |= {i: _shell_posterior(parameters, shells[i].cells, rng, kind) for i in sorted(wanted)}
         best = max(each.log_evidence for each in found.values())
         likely = [i for i, each in found.items() if each.log_evidence > best - EXAMINED_LOG_EVIDENCE]
         wanted = {i + side for i in likely for side in (-1, 1)} & set(range(len(shells))) - set(found)
@@ -156,57 +222,68 @@ def _likely_posteriors(
 
 
 def _distribution(
-    posteriors: Sequence[_ShellPosterior],
-    weight: Array,
+    kinds: Sequence[_KindPosterior],
     parameters: InertialParameters,
     bounds: RegionBounds,
     rng: np.random.Generator,
 ) -> MassDistribution:
-    """Masses of shell, upper and lower interior averaged over shell thicknesses, and the dividing plane.
+    """Masses of shell, upper and lower interior over bodies of both kinds, and the dividing plane.
 
-    The dividing plane splits the interior; the upper part is the one on the side of its normal.
+    The dividing plane splits the interior; the upper part is the one on the side of its normal. Kinds that
+    have the measured moments count alike: a body is only like one of them, so that a somewhat better fit of
+    one does not rule out the other.
 
     Args:
-        posteriors: Posterior of masses and dividing plane for each of w thicknesses.
-        weight: (w,) probabilities of the thicknesses; those below `MIN_THICKNESS_PROBABILITY` are left out.
+        kinds: Posteriors of the kinds of body, of which the first is divided by planes.
         parameters: Mass of the object.
         bounds: Bounds of the masses for any filling.
         rng: Random generator that selects draws.
 
     Returns:
         Masses [kg] in the order shell, upper, lower, with the best plane (in the object frame O) of the
-        likeliest thickness. If no plane explains the moments at this thickness: the middles of the bounds,
-        moved so that their sum is the object's mass, with the plane through the body's middle; `explained` is
-        then False.
+        likeliest thickness, or the plane through the body's middle if no plane has the moments. If no ball
+        has them either: the middles of the bounds, moved so that their sum is the object's mass; `explained`
+        is then False.
     """
-    first = posteriors[int(np.argmax(weight))]
-    problem, planes = first.problem, first.chains.planes
-    best = int(np.argmax(first.chains.log_posterior))
-    side = -1.0 if planes.normals[best] @ problem.longest < 0 else 1.0
-    normal, height = side * planes.normals[best], side * float(planes.heights[best])
+    flat, first = kinds[0].explains, kinds[0].first
+    problem, misfit = first.problem, min(kind.first.misfit for kind in kinds)
+    explaining = [kind for kind in kinds if kind.explains]
+    if not explaining:
+        return _unexplained_distribution(problem, bounds, parameters, misfit)
+    plane = planes(problem.longest[None], np.zeros(1))
+    if flat:
+        plane = first.chains.solved.surfaces[[np.argmax(first.chains.log_posterior)]]
+    plane = oriented(plane, problem.longest)[0]
+    normal, height = plane[:3], float(plane[3])
     middle = float(normal @ problem.middle)
-    counted = [
-        (each, float(w)) for each, w in zip(posteriors, weight, strict=True) if w >= MIN_THICKNESS_PROBABILITY
+    drawn = [
+        _weighted_draws(each, float(w), plane, rng)
+        for kind in explaining
+        for each, w in zip(kind.posteriors, kind.weight, strict=True)
+        if w >= MIN_THICKNESS_PROBABILITY
     ]
-    masses, places = [
-        np.concatenate(parts)
-        for parts in zip(*(_weighted_draws(each, w, normal, rng) for each, w in counted), strict=True)
-    ]
+    masses = np.concatenate([each for each, _ in drawn])
+    places = np.concatenate([each for _, each in drawn]) if flat else np.array([height])
     low, high = np.quantile(places, [0.025, 0.975])
-    if problem.probability(first.misfit, thickness_fitted=len(posteriors) > 1) < MIN_PROBABILITY:
-        return _unexplained_distribution(problem, bounds, parameters, first.misfit)
+    sd = np.max([_share_sd(kind.first, normal) for kind in explaining], axis=0)
+    intervals, lump = _intervals(masses, parameters.mass * sd), any(kind.explains for kind in kinds[1:])
+    if lump:
+        shape = LUMP_SHAPE_ERROR * parameters.mass * np.array([-1.0, 1.0])
+        intervals = np.clip(intervals + shape, 0.0, max(parameters.mass, float(intervals.max())))
     return MassDistribution(
         names=REGION_NAMES,
         masses=masses.mean(axis=0),
         covariance=np.cov(masses.T),
-        intervals=_intervals(masses, parameters.mass * _share_sd(planes.precision[best], swapped=side < 0)),
+        intervals=intervals,
         limits=bounds.at_plane(normal, middle + height),
-        misfit=first.misfit,
+        misfit=misfit,
         explained=True,
         dividing_plane_normal=normal,
         dividing_plane_offset=middle + height,
         dividing_plane_offset_interval=(middle + float(min(low, height)), middle + float(max(high, height))),
         baselines=problem.baselines(parameters.mass, normal, height),
+        two_parts_explain=flat,
+        lump_explains=lump,
     )
 
 
@@ -224,21 +301,24 @@ def _intervals(masses: Array, sd: Array) -> Array:
     return np.stack([low, np.where(low > 0, high, np.maximum(high, SIGMAS_95 * sd))], axis=1)
 
 
-def _share_sd(precision: Array, *, swapped: bool) -> Array:
-    """Standard deviations (3,) of the mass shares of shell, upper and lower part of the interior.
+def _share_sd(posterior: _ShellPosterior, normal: Array) -> Array:
+    """Standard deviations (3,) of the mass shares of shell, upper and lower part, for the best surface.
 
-    `precision` (2, 2) is the inverse covariance of the shares of shell and upper part; all three add up to 1.
-    The sd of upper and lower part change places if `swapped`.
+    The surface is a plane or a ball. The upper part is the one on the side of `normal` (3,); for a ball, what
+    is outside it lies on both sides, and its sd is that of both parts.
     """
-    covariance = np.linalg.inv(precision)
+    best, solved = int(np.argmax(posterior.chains.log_posterior)), posterior.chains.solved
+    covariance: Array = np.asarray(np.linalg.inv(solved.precision[best]), dtype=np.float64)
     sd = np.sqrt(np.append(np.diag(covariance), covariance.sum()))
-    return sd[[0, 2, 1]] if swapped else sd
+    if posterior.balls:
+        return sd[[0, 2, 2]]
+    return sd[[0, 2, 1]] if solved.surfaces[best, :3] @ normal < 0 else sd
 
 
 def _unexplained_distribution(
     problem: RegionProblem, bounds: RegionBounds, parameters: InertialParameters, misfit: float
 ) -> MassDistribution:
-    """Region masses [kg] of a body whose moments no dividing plane explains; their `explained` is False.
+    """Region masses [kg] of a body whose moments no plane or ball explains; their `explained` is False.
 
     The regions are the shell and the interior on either side of a plane through the body's middle, normal to
     its longest direction. The masses are the middles of the bounds for any filling of a uniform shell, moved
@@ -248,7 +328,7 @@ def _unexplained_distribution(
         problem: Model of the moments by mass shares of the regions, for the likeliest shell thickness.
         bounds: Bounds of the masses for any filling.
         parameters: Mass of the object and its sd.
-        misfit: Smallest chi^2 of the moments at any plane, to be reported.
+        misfit: Smallest chi^2 of the moments for any plane or ball, to be reported.
     """
     across = float(problem.longest @ problem.middle)
     limits = bounds.at_plane(problem.longest, across)
@@ -274,27 +354,28 @@ def _unexplained_distribution(
 
 
 def _weighted_draws(
-    posterior: _ShellPosterior, weight: float, normal: Array, rng: np.random.Generator
+    posterior: _ShellPosterior, weight: float, plane: Array, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Draws (n, 3) of the region masses [kg], and places (n,) [m] where their dividing planes cut a line.
+    """Draws (n, 3) of the region masses [kg], and places (m,) [m] where their dividing planes cut a line.
 
-    Masses are those of shell, upper and lower part; the upper part is the one towards `normal` for every
-    draw. The line runs through the body's middle along `normal`; a place is measured along it from the
-    middle. For a plane nearly parallel to the line, the place is limited to five times the plane's distance
-    from the middle.
+    Masses are those of shell, upper and lower part; the upper part is the one towards the reported plane's
+    normal for every draw. The parts inside and outside of a ball are divided by the reported plane. The line
+    runs through the body's middle along its normal; a place is measured along it from the middle. For a plane
+    nearly parallel to the line, the place is limited to five times the plane's distance from the middle.
+    Balls have none (m is 0).
 
     Args:
         posterior: Posterior for one shell thickness.
         weight: Probability of that thickness, to which the number n of draws is proportional.
-        normal: (3,) unit normal of the best plane, in the object frame O.
+        plane: (5,) reported plane, as in `dividing_surfaces`.
         rng: Random generator that selects draws.
     """
-    planes = posterior.chains.planes
-    # The upper part is the one on the side of the best plane's normal, for every plane.
-    normals, heights = oriented(planes.normals, planes.heights, normal)
-    masses = np.where((planes.normals @ normal < 0)[:, None], posterior.draws[:, [0, 2, 1]], posterior.draws)
-    places = heights / np.maximum(normals @ normal, 0.2)
-    if weight == 1.0:
-        return masses, places
-    chosen = rng.choice(len(masses), size=max(1, round(weight * len(masses))), replace=False)
-    return masses[chosen], places[chosen]
+    drawn, shares, mass = posterior.chains.solved.surfaces, posterior.shares, posterior.mass
+    if weight < 1.0:
+        chosen = rng.choice(len(drawn), size=max(1, round(weight * len(drawn))), replace=False)
+        drawn, shares, mass = drawn[chosen], shares[chosen], mass[chosen]
+    if posterior.balls:
+        return posterior.problem.divided(drawn, shares, plane) * mass[:, None], np.zeros(0)
+    along, normal = oriented(drawn, plane[:3]), plane[:3]
+    shares = np.where((drawn[:, :3] @ normal < 0)[:, None], shares[:, [0, 2, 1]], shares)
+    return shares * mass[:, None], along[:, 3] / np.maximum(along[:, :3] @ normal, 0.2)

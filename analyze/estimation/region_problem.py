@@ -19,6 +19,7 @@ from scipy.special import chdtrc
 
 from analyze.estimation.cell_contents import CutPieces, cell_contents, clumped, concentrated
 from analyze.estimation.cells import Cells
+from analyze.estimation.dividing_surfaces import are_balls, planes
 from analyze.estimation.mass_properties import InertialParameters
 from analyze.estimation.part_masses import whitening_matrix
 from analyze.estimation.truncated_normal import ShareDistribution, share_distribution
@@ -27,32 +28,36 @@ from analyze.types import TENSOR_ENTRIES, Array, IntArray
 
 MIN_PART_SHARE = 0.02
 """Smallest fraction of the interior's volume on either side of the dividing plane."""
+MIN_BALL_INSIDE = 0.5
+"""Smallest fraction of a ball's volume that is in the interior."""
 _PRIOR_PRECISION = 1e-2
 """Prior precision 1 / sd^2 of a share; the bounds are far more informative."""
+_EMPTY_PRECISION = 1e6
+"""Precision 1 / sd^2 with which the share of an empty part is 0."""
 _COARSE_CLUMP = 2
 """Edge, in cells, of the clumps of cells used for a coarse solution."""
 _PIECE_CLUMP, _MAX_PIECES = 2, 1000
 """Edge, in cells, of the clumps of cells that `pieces` returns, and number of cells above which there are
 such."""
 _FITTED_PARAMETERS = 3
-"""Effective number of fitted parameters for a given shell: of two shares and three of the dividing plane most
-meet a bound (simulated: 2 to 4)."""
+"""Effective number of fitted parameters for a given shell: of two shares and three of the dividing plane, or
+four of a ball, most meet a bound (simulated: 2 to 4)."""
+_TOUCHING = 1e-6
+"""Depth, in cells, down to which a plane touches a cell but does not cut it: rounding errors are smaller."""
 _MAX_DENSITY = DENSITIES[1]
 """Largest density of a piece [kg/m^3], about that of lead."""
 
 
 @dataclass(frozen=True)
-class DividingPlanes:
-    """Set of b planes n.(x - middle) = height that divide the interior, each with its best mass shares.
+class SolvedSurfaces:
+    """Set of b planes or balls that divide the interior in two, each with its best mass shares.
 
-    The upper part is the one on the side of n; middle is the body's centroid. The shares are those of shell
-    (outer wall), upper and lower part in the mass that fit the measured moments best.
+    The upper part is the one on the side of a plane's normal, or inside the ball. The shares are those of
+    shell (outer wall), upper and lower part in the mass that fit the measured moments best.
     """
 
-    normals: Array
-    """(b, 3) unit normals n, in the object frame O."""
-    heights: Array
-    """(b,) heights over the body's middle [m]."""
+    surfaces: Array
+    """(b, 5) planes and balls, as in `dividing_surfaces`, relative to the body's middle (its centroid)."""
     mean: Array
     """(b, 2) mean shares of shell and upper part, before truncation."""
     precision: Array
@@ -60,13 +65,14 @@ class DividingPlanes:
     chi_square: Array
     """(b,) chi^2 of the measured moments at the mean shares."""
     both_sides_filled: NDArray[np.bool_]
-    """(b,) True where each side contains at least `MIN_PART_SHARE` of the interior."""
+    """(b,) True where each side of a plane contains at least `MIN_PART_SHARE` of the interior, and where at
+    least half of a ball is in the interior."""
 
     @property
     def shares(self) -> ShareDistribution:
         """Truncated normal distributions of the mass shares of shell, upper and lower part of the interior.
 
-        There is one for each of the b planes that divide the interior. No share is negative, and the
+        There is one for each of the b surfaces that divide the interior. No share is negative, and the
         three add up to 1.
         """
         return share_distribution(self.mean, self.precision)
@@ -74,27 +80,27 @@ class DividingPlanes:
     def misfit(self, shares: Array) -> Array:
         """Chi^2 (b,) of measured less modelled moments, for the mass shares `shares` (b, 3).
 
-        There is one for each of the b planes that divide the interior; the plane's row holds the shares of
-        the body's mass in shell, upper and lower part.
+        There is one for each of the b surfaces that divide the interior; the surface's row holds the shares
+        of the body's mass in shell, upper and lower part.
         """
         off = shares[:, :2] - self.mean
         return self.chi_square + np.einsum("bi,bij,bj->b", off, self.precision, off)
 
-    def replaced_where(self, accept: NDArray[np.bool_], other: DividingPlanes) -> DividingPlanes:
-        """Copy of this set of b dividing planes, with those of `other` where `accept` (b,) is True.
+    def replaced_where(self, accept: NDArray[np.bool_], other: SolvedSurfaces) -> SolvedSurfaces:
+        """Copy of this set of b dividing surfaces, with those of `other` where `accept` (b,) is True.
 
-        `other` has b planes as well; all that is known of a plane (fit, shares) comes along.
+        `other` has b surfaces as well; all that is known of a surface (fit, shares) comes along.
         """
 
         def either(name: str) -> Any:
             mine = getattr(self, name)
             return np.where(accept.reshape(-1, *[1] * (mine.ndim - 1)), getattr(other, name), mine)
 
-        return DividingPlanes(*(either(name) for name in self.__dataclass_fields__))
+        return SolvedSurfaces(*(either(name) for name in self.__dataclass_fields__))
 
     @classmethod
-    def concatenate(cls, sets: Sequence[DividingPlanes]) -> DividingPlanes:
-        """Join several sets of dividing planes to one: the planes of the first set, then of the next, ..."""
+    def concatenate(cls, sets: Sequence[SolvedSurfaces]) -> SolvedSurfaces:
+        """Join several sets of dividing surfaces to one: those of the first set, then of the next, ..."""
         return cls(
             *(np.concatenate([getattr(each, name) for each in sets]) for name in cls.__dataclass_fields__)
         )
@@ -133,6 +139,7 @@ class RegionProblem:
         middle: (3,) centroid of the body as a uniform solid [m], in the object frame O.
         longest: (3,) unit principal direction of largest extent, in O.
         reach: extent of the body along it [m].
+        interior_size: cube root of the interior's volume [m].
         target: (k,) whitened measurements (unit sd): centre of mass, and a moment for each struck axis.
     """
 
@@ -149,48 +156,59 @@ class RegionProblem:
         )
         self._points, self._contents = points, interior
         self._interior = interior.sum(axis=0)
+        self.interior_size = float(self._interior[0] ** (1 / 3))
         self._shell = cells.shell @ contents
         self._rows, self.target = _measured_system(parameters)
         directions, sizes, _ = np.linalg.svd(self._rows, full_matrices=False)
         self._observable = directions[:, sizes > 1e-6 * float(sizes[0])]
         self._pitch, self._mass = cells.pitch, parameters.mass
 
-    def solve(self, normals: Array, heights: Array, *, coarsely: bool = False) -> DividingPlanes:
-        """Mass shares of shell, upper and lower part that fit the moments best, for b dividing planes.
+    def solve(self, surfaces: Array, *, coarsely: bool = False, empty_below: bool = False) -> SolvedSurfaces:
+        """Mass shares of shell, upper and lower part that fit the moments best, for b dividing surfaces.
 
         Args:
-            normals: (b, 3) unit normals, in the object frame O.
-            heights: (b,) heights over the body's middle [m].
+            surfaces: (b, 5) planes and balls, as in `dividing_surfaces`, relative to the body's middle.
             coarsely: True to use clumps of `_COARSE_CLUMP` cells per edge instead of single cells.
+            empty_below: True if the lower part has no mass.
 
         Returns:
-            The b planes, each with mean (2) and inverse covariance (2, 2) of the shares of shell and upper
+            The b surfaces, each with mean (2) and inverse covariance (2, 2) of the shares of shell and upper
             part before truncation at zero, chi^2, and whether both its sides hold enough of the interior.
         """
-        above = (self._coarse if coarsely else self._fine).above(normals, heights)
-        part = above[:, 0] / self._interior[0]
+        above = (self._coarse if coarsely else self._fine).above(surfaces)
+        part, least = above[:, 0] / self._interior[0], np.full(len(surfaces), MIN_PART_SHARE)
+        round_ones = are_balls(surfaces)
+        ball = 4 / 3 * np.pi / surfaces[round_ones, 4] ** 3
+        least[round_ones] = MIN_BALL_INSIDE * ball / self._interior[0]
         lower = self._explaining(self._interior - above)
         left = self.target - lower
         design = np.stack([self._explaining(self._shell) - lower, self._explaining(above) - lower], axis=2)
         transposed = np.swapaxes(design, 1, 2)
-        precision = transposed @ design + _PRIOR_PRECISION * np.eye(2)
-        right = np.einsum("bij,bj->bi", transposed, left)
+        # The lower part has what shell and upper part leave of 1.
+        empty = _EMPTY_PRECISION if empty_below else 0.0
+        precision = transposed @ design + _PRIOR_PRECISION * np.eye(2) + empty
+        right = np.einsum("bij,bj->bi", transposed, left) + empty
         mean = np.asarray(np.linalg.solve(precision, right[..., None])[..., 0], dtype=np.float64)
-        return DividingPlanes(
-            normals=normals,
-            heights=heights,
+        return SolvedSurfaces(
+            surfaces=surfaces,
             mean=mean,
             precision=precision,
-            chi_square=np.sum(left**2, axis=1) - np.sum(mean * right, axis=1),
-            both_sides_filled=(part > MIN_PART_SHARE) & (part < 1 - MIN_PART_SHARE),
+            chi_square=np.sum(left**2, axis=1) + empty - np.sum(mean * right, axis=1),
+            both_sides_filled=(part > least) & (part < 1 - MIN_PART_SHARE),
         )
+
+    def random_points(self, count: int, rng: np.random.Generator) -> Array:
+        """Random points (count, 3) [m] of the interior, uniform in its volume, from the body's middle."""
+        volumes = self._contents[:, 0]
+        chosen = rng.choice(len(volumes), size=count, p=volumes / volumes.sum())
+        return self._points[chosen] + self._pitch * rng.uniform(-0.5, 0.5, (count, 3))
 
     def probability(self, misfit: float, *, thickness_fitted: bool) -> float:
         """Probability that measurement errors give a shell with two uniform parts inside at least this chi^2.
 
-        `misfit` is the smallest chi^2 over all planes that divide the interior in two, and over shell
-        thicknesses as well if `thickness_fitted`. The probability is 1 if there are not more independent
-        measurements than fitted parameters.
+        `misfit` is the smallest chi^2 over all planes (or all balls) that divide the interior in two, and
+        over shell thicknesses as well if `thickness_fitted`. The probability is 1 if there are not more
+        independent measurements than fitted parameters.
         """
         freedom = len(self.observable_target) - _FITTED_PARAMETERS - int(thickness_fitted)
         return 1.0 if freedom < 1 else float(chdtrc(freedom, max(misfit, 0.0)))
@@ -207,7 +225,8 @@ class RegionProblem:
             height: Height of the plane over the body's middle [m].
         """
         over = self._points @ normal - height
-        sides = [over > -self._pitch / 2, over < self._pitch / 2]
+        cut = (0.5 - _TOUCHING) * self._pitch
+        sides = [over > -cut, over < cut]
         if len(self._points) <= _MAX_PIECES:
             interior = [self._contents[mine] for mine in sides]
         else:
@@ -243,6 +262,17 @@ class RegionProblem:
         explaining = self._explaining(contents) @ self._observable
         return BodyPieces(region, explaining, _MAX_DENSITY * contents[:, 0] / self._mass)
 
+    def divided(self, surfaces: Array, shares: Array, plane: Array) -> Array:
+        """Mass shares (b, 3) of shell, interior above and below one plane, of bodies divided by surfaces.
+
+        Args:
+            surfaces: (b, 5) planes and balls that divide the interior, as in `dividing_surfaces`.
+            shares: (b, 3) mass shares of shell, upper and lower part of these, each part uniform.
+            plane: (5,) the plane, in the same form.
+        """
+        beyond = np.sum(shares[:, 1:] * self._fine.beyond_plane(surfaces, plane), axis=1)
+        return np.column_stack([shares[:, 0], beyond, shares[:, 1:].sum(axis=1) - beyond])
+
     def baselines(self, mass: float, normal: Array, height: float) -> dict[str, Array]:
         """Masses (3,) [kg] of shell, upper and lower part by three naive assumptions, keyed by name.
 
@@ -254,7 +284,7 @@ class RegionProblem:
             normal: (3,) unit normal of the dividing plane, in the object frame O.
             height: Height of the plane over the body's middle [m].
         """
-        above = self._fine.above(normal[None], np.array([height]))[0, 0]
+        above = self._fine.above(planes(normal[None], np.array([height])))[0, 0]
         volumes = np.array([self._shell[0], above, self._interior[0] - above])
         inside = self._explaining(self._interior)
         across = self._explaining(self._shell) - inside

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 MAX_OUTSIDE_SD = 2.0
 """distance of the centre of mass outside the shape's hull, in sd, above which the result is doubted"""
-MAX_TRUSTED_SHARE, MAX_DETERMINED_SHARE = 0.1, 0.3
-"""half width of the least certain region's 95 % interval over the object's mass: up to the first value, the
-masses of shell and interior parts are trusted; above the second, they are reported as not determined"""
+MAX_TRUSTED_SHARE = 0.1
+"""half width of the least certain region's 95 % interval over the object's mass, up to which the masses of
+shell and interior parts are trusted"""
 WHOLE_RANGE_SHARE = 0.8
 """width of a region's range over the object's mass from which on the range says nothing"""
 
@@ -95,40 +95,44 @@ def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> li
 def regions_text(distribution: MassDistribution, mass: float) -> str:
     """Sentence on how far the masses of shell (outer wall) and interior parts can be trusted.
 
-    It says "not determined" if every region's range is at least `WHOLE_RANGE_SHARE` of the mass. Otherwise it
-    begins with trust if the half width of the least certain region's 95 % interval is at most
-    `MAX_TRUSTED_SHARE` of the mass and a body of uniform parts explains the moments, else with doubt.
+    It begins with trust if the half width of the least certain region's 95 % interval is at most
+    `MAX_TRUSTED_SHARE` of the mass and a body of uniform parts explains the moments, else with not
+    determined. It names the kinds of body for which the intervals hold, or gives the limits under any filling
+    if neither kind explains the moments.
 
     Args:
         distribution: masses of the shell and of the interior on either side of a plane, with intervals.
         mass: mass of the object [kg].
     """
-    nothing = (
-        "not determined are the region masses: strikes leave open whether a region holds none or nearly all"
-        " of the mass; label the parts, or strike about more axes"
-    )
+    ends = distribution.intervals if distribution.explained else distribution.limits
+    if _whole_range(ends, mass):
+        return (
+            "not determined are the region masses: strikes leave open whether a region holds none or nearly"
+            " all of the mass; label the parts, or strike about more axes"
+        )
+    ranges = _ranges(distribution.names, ends)
     if not distribution.explained:
-        if _whole_range(distribution.limits, mass):
-            return nothing
-        ends = _ranges(distribution.names, distribution.limits)
         return (
-            "doubt the region masses: no uniform shell with two uniform parts has these moments; under any"
-            f" filling: {ends}"
+            "not determined are the region masses: no uniform shell with two uniform parts, or with one lump,"
+            f" has these moments; under any filling: {ranges}"
         )
-    half = 0.5 * np.diff(distribution.intervals, axis=1)[:, 0]
+    kind = f"if the object is a uniform shell with {_kinds_text(distribution)}"
+    half = 0.5 * np.diff(ends, axis=1)[:, 0]
     worst = int(np.argmax(half))
-    share, name = float(half[worst]) / mass, distribution.names[worst]
-    if _whole_range(distribution.intervals, mass):
-        return nothing
-    if share > MAX_DETERMINED_SHARE:
-        return (
-            "doubt the region masses: the moments do not determine them:"
-            f" {_ranges(distribution.names, distribution.intervals)}"
-        )
-    known = f"the least certain, {name}, to ± {1e3 * half[worst]:.2g} g, {100 * share:.0f} % of the total"
-    if share > MAX_TRUSTED_SHARE:
-        return f"doubt the region masses: they are known only roughly ({known}): strike about more axes"
-    return f"trust the region masses, if the object is a uniform shell with two uniform parts: {known}"
+    share = float(half[worst]) / mass
+    known = f"{distribution.names[worst]}, to ± {1e3 * half[worst]:.2g} g, {100 * share:.0f} % of the total"
+    if share <= MAX_TRUSTED_SHARE:
+        return f"trust the region masses, {kind}: the least certain, {known}"
+    return f"not determined closely are the region masses, {kind}: {ranges}; strike about more axes"
+
+
+def _kinds_text(distribution: MassDistribution) -> str:
+    """Words for the interiors that have the measured moments: two uniform parts, one lump, or either."""
+    kinds = {
+        "two uniform parts": distribution.two_parts_explain,
+        "one lump (or void)": distribution.lump_explains,
+    }
+    return " or ".join(kind for kind, explains in kinds.items() if explains)
 
 
 def _whole_range(ends: Array, mass: float) -> bool:

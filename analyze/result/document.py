@@ -192,6 +192,7 @@ def regions_document(distribution: MassDistribution) -> Regions:
                 sd=distribution.shell.sd,
                 unit="m",
                 interval95=list(distribution.shell.interval),
+                observed=distribution.shell.observed,
             )
         ),
     )

@@ -221,16 +221,18 @@ def _prior_warnings(inertial: InertialParameters) -> Iterator[ResultWarning]:
 def _region_warnings(distribution: MassDistribution, mass: float) -> Iterator[ResultWarning]:
     """Yield warnings of the masses of shell and interior parts.
 
-    They are: shell thickness not given; then either that no uniform shell with two uniform parts has the
-    measured moments, or that the sd of a mass exceeds `MAX_REGION_SD` of `mass`, the object's mass [kg].
+    They are: shell thickness not given; that no uniform shell with two uniform parts has the measured
+    moments, or only one with a lump; that the sd of a mass exceeds `MAX_REGION_SD` of `mass`, the object's
+    mass [kg].
     """
     if distribution.shell is not None:
         shell = distribution.shell
         low, high = (f"{1e3 * end:.1f}" for end in shell.interval)
+        found = f"the moments favour {low} to {high} mm" if shell.observed else "the moments favour none"
         yield warning(
             WarningCode.REGIONS_UNCERTAIN,
             f"shell_thickness_m is not given: of {1e3 * shell.swept[0]:.1f} to {1e3 * shell.swept[1]:.1f} mm"
-            f" the moments favour {low} to {high} mm; a measured thickness narrows the regions' masses",
+            f" {found}; a measured thickness narrows the regions' masses",
         )
     share = np.sqrt(np.diag(distribution.covariance)) / mass
     if not distribution.explained:
@@ -238,10 +240,18 @@ def _region_warnings(distribution: MassDistribution, mass: float) -> Iterator[Re
         ends = " g, ".join(f"{name} {1e3 * low:.0f} to {1e3 * high:.0f}" for name, (low, high) in limits)
         yield warning(
             WarningCode.REGIONS_UNCERTAIN,
-            "no uniform shell with two uniform parts has these moments: the parts are divided in the middle,"
-            f" and the intervals hold for any filling ({ends} g); label the parts, or look at the voxel map",
+            "no uniform shell with two uniform parts, or with one lump, has these moments: the parts are"
+            f" divided in the middle, and the intervals hold for any filling ({ends} g); label the parts, or"
+            " look at the voxel map",
         )
-    elif share.max() > MAX_REGION_SD:
+        return
+    if not distribution.two_parts_explain:
+        yield warning(
+            WarningCode.REGIONS_UNCERTAIN,
+            "two uniform parts side by side do not have these moments, one lump (or void) in a uniform"
+            " interior has: the parts are divided in the middle, and the intervals hold for such a lump",
+        )
+    if share.max() > MAX_REGION_SD:
         name = distribution.names[int(np.argmax(share))]
         text = (
             f"the mass of region {name} has an sd of {share.max():.0%} of the total: strike about more axes"

@@ -12,7 +12,7 @@ from analyze.result.assessment import regions_text
 NAMES = ("shell", "upper", "lower")
 
 
-def masses(half, explained=True):
+def masses(half, explained=True, lump=False):
     """Regions of 100 g in total, with the shell known to ± `half` g (95 %)."""
     intervals = 1e-3 * np.array([[50.0 - half, 50.0 + half], [20.0, 22.0], [28.0, 30.0]])
     return SimpleNamespace(
@@ -20,6 +20,8 @@ def masses(half, explained=True):
         intervals=intervals,
         limits=1e-3 * np.array([[10.0, 90.0], [0.0, 40.0], [0.0, 50.0]]),
         explained=explained,
+        two_parts_explain=explained,
+        lump_explains=lump,
     )
 
 
@@ -36,26 +38,24 @@ def masses(half, explained=True):
         (
             20.0,
             (
-                "doubt the region masses: they are known only roughly (the least certain, shell, to ± 20 g,"
-                " 20 % of the total): strike about more axes"
-            ),
-        ),
-        (
-            40.0,
-            (
-                "doubt the region masses: the moments do not determine them: shell 10 to 90 g, upper 20 to 22"
-                " g, lower 28 to 30 g"
+                "not determined closely are the region masses, if the object is a uniform shell with two"
+                " uniform parts: shell 30 to 70 g, upper 20 to 22 g, lower 28 to 30 g; strike about more axes"
             ),
         ),
     ],
 )
-def test_region_masses_are_trusted_or_doubted_by_their_intervals(half, said):
+def test_region_masses_are_trusted_or_not_determined_by_their_intervals(half, said):
     assert regions_text(masses(half), 0.1) == said
 
 
-def test_unexplained_moments_are_doubted_even_with_narrow_intervals():
+def test_a_lump_that_has_the_moments_as_well_is_named():
+    both = regions_text(masses(4.0, lump=True), 0.1)
+    assert "a uniform shell with two uniform parts or one lump (or void): the least certain" in both
+
+
+def test_unexplained_moments_determine_no_masses_even_with_narrow_intervals():
     said = regions_text(masses(1.0, explained=False), 0.1)
-    assert said.startswith("doubt the region masses: no uniform shell")
+    assert said.startswith("not determined are the region masses: no uniform shell")
     assert said.endswith("shell 10 to 90 g, upper 0 to 40 g, lower 0 to 50 g")
 
 

@@ -190,11 +190,12 @@ def _tensor(trial: Trial, said: dict[str, str]) -> Iterator[Score]:
 def _regions(trial: Trial, said: dict[str, str]) -> Iterator[Score]:
     """Yield region masses and their limits, and the wall's thickness where it was estimated.
 
-    Intervals hold for a wall with two uniform parts: they are compared with the true parts of such a body.
-    Limits hold for any filling, as do the masses of another body: they are compared with the masses on either
-    side of the estimated plane.
+    Intervals hold for a wall with two uniform parts: they are compared with the true parts of such a body,
+    if the estimated plane is the best one between two parts. Limits hold for any filling: they, and the
+    masses of another body, are compared with the masses on either side of the estimated plane.
     """
     assert trial.result is not None
+    assert trial.estimate is not None
     specimen, regions = trial.specimen, trial.result.regions
     if specimen.body.labels or regions.dividing_plane_normal is None:
         return
@@ -203,7 +204,7 @@ def _regions(trial: Trial, said: dict[str, str]) -> Iterator[Score]:
     parts = (specimen.in_shell, inside & above, inside & ~above)
     divided = true = np.array([specimen.masses[part].sum() for part in parts])
     explained = regions.explained is not False
-    if specimen.regions is not None and explained:
+    if specimen.regions is not None and trial.estimate.distribution.two_parts_explain:
         same = normal @ specimen.plane_normal >= 0
         true = specimen.regions if same else specimen.regions[[0, 2, 1]]
     unit = 100 / float(specimen.masses.sum())
