@@ -80,7 +80,10 @@ class CalibrationError(AnalyzeError):
 
 
 class ArchiveError(AnalyzeError):
-    """An archive cannot be listed, or its folder of results or a query of them cannot be used."""
+    """An archive cannot be listed or analysed, or its results cannot be written, read or queried.
+
+    An archive is the many recordings that one run of `analyze batch` analyses.
+    """
 
 
 class TagError(AnalyzeError):

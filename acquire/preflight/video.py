@@ -90,7 +90,8 @@ class VideoSource(ABC):
         """Start the camera with the rig's settings, unless a daemon holds it, and return a description of it.
 
         Returns:
-            Make, model, serial number and address of the camera, as one line of text.
+            One line of text: make, model, serial number and address of the camera, and "held by the daemon"
+            if the daemon holds it.
 
         Raises:
             AcquireError: camera, settings or capture process failed, or the daemon does not answer.
@@ -187,7 +188,10 @@ class OwnCapture(VideoSource):
         self._capture = CaptureProcess(self._rig)
 
     def open(self) -> str:
-        """Start capture process and camera; return the camera's make, model, serial number and address.
+        """Start capture process and camera; return a description of the camera.
+
+        Returns:
+            One line of text: "MAKE MODEL (SERIAL NUMBER) at ADDRESS".
 
         Raises:
             AcquireError: camera, settings or capture process failed.
@@ -236,7 +240,10 @@ class DaemonCapture(VideoSource):
         self._client = client
 
     def open(self) -> str:
-        """Return make, model, serial number and address of the daemon's camera; nothing is started.
+        """Return a description of the daemon's camera; nothing is started.
+
+        Returns:
+            One line of text: "MAKE MODEL (SERIAL NUMBER) at ADDRESS, held by the daemon".
 
         Raises:
             AcquireError: the daemon does not answer.

@@ -71,7 +71,10 @@ class StrikerEstimate:
     swing_ratio_sd: float
 
     def text(self) -> str:
-        """One line of text: restitution, effective mass [g], reached over commanded speed [%], with sd."""
+        """One line of text on the striker: restitution, effective mass, reached speed, each with its sd.
+
+        The effective mass at the striker's tip is in g, the reached tip speed in % of the commanded one.
+        """
         mass, mass_sd = 1000 * self.effective_mass_kg, 1000 * self.effective_mass_sd_kg
         reached, reached_sd = 100 * self.swing_ratio, 100 * self.swing_ratio_sd
         return (

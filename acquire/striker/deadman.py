@@ -59,7 +59,7 @@ class DeadManSwitch:
     def dismiss(self) -> None:
         """End the dead man's switch's process without switching the torque off, and wait for its end.
 
-        The port stays open in this process.
+        The servo's serial port stays open in this process.
         """
         assert self._process.stdin is not None  # noqa: S101 - Popen was given PIPE
         with contextlib.suppress(OSError):  # the process was killed

@@ -153,12 +153,16 @@ class Recording:
 
     @property
     def created(self) -> str:
-        """Start time of the recording, as ISO 8601 text."""
+        """Start time of the recording in UTC, as ISO 8601 text.
+
+        An imported recording has the start time of its first source or, if that states none, the time of the
+        import.
+        """
         return self._head.manifest.created
 
     @property
     def strike_ids(self) -> tuple[str, ...]:
-        """Ids of the recording's strikes in its order; no marker is tracked for them."""
+        """Ids of the recording's strikes, in its order. Reading them is quick: it tracks no markers."""
         return self._head.strike_ids
 
     @cached_property

@@ -72,7 +72,10 @@ class EdgeRounding:
         return along / float(np.linalg.norm(along))
 
     def distance(self, point: Array) -> float:
-        """Distance [m] of `point` (3,) [m] from the line `start` to `end`, in the cloud's frame."""
+        """Distance [m] of `point` (3,) [m] from the edge: the segment from `start` to `end`.
+
+        The point is given in the cloud's frame.
+        """
         along = self.end - self.start
         share = float(np.clip((point - self.start) @ along / (along @ along), 0.0, 1.0))
         return float(np.linalg.norm(point - self.start - share * along))

@@ -157,7 +157,12 @@ def _without_extras(data: bytes, suffix: str) -> bytes:
 
 
 def is_mesh(data: bytes, suffix: str) -> bool:
-    """True if a file with content `data` and `suffix` (lower case, no dot) is a mesh, not a point cloud."""
+    """True if a file is a mesh, not a point cloud, by its suffix; a PLY file, by its header.
+
+    Args:
+        data: Content of the file, examined only if the suffix is "ply".
+        suffix: Suffix in lower case, without the dot; any other than "ply" is a mesh's if it is in `FORMATS`.
+    """
     return suffix in FORMATS and (suffix != "ply" or ply_has_faces(data))
 
 

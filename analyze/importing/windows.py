@@ -172,7 +172,8 @@ def _windows(
 
     Args:
         clips: the sources.
-        found: index of the source and onset of each strike; without an onset the window is the whole source.
+        found: index of the source and onset of each strike; where the onset is None, the window is the
+            whole source.
         ids: planned id of each strike; those with `SKIPPED` get no window.
     """
     attempts: Counter[str] = Counter()

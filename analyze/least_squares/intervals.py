@@ -19,10 +19,12 @@ SIGMAS_95 = 1.96
 
 
 def student_sigmas_95(freedom: Array) -> Array:
-    """Half-widths (k,) of 95 % intervals, in standard deviations that were estimated themselves.
+    """Half-widths (k,) of 95 % intervals, as multiples of standard deviations estimated from data.
 
-    `freedom` (k,) holds the degrees of freedom of the variances. The half-widths are the quantiles of
-    Student's t distribution; 1.96 for infinite freedom.
+    They are the 97.5 % quantiles of Student's t distribution; 1.96 for infinite freedom.
+
+    Args:
+        freedom: (k,) degrees of freedom of the estimated variances.
     """
     return np.asarray(stdtrit(np.minimum(freedom, 1e9), 0.975), dtype=np.float64)
 

@@ -139,7 +139,7 @@ def fit_flights(flights: Sequence[Flight], drag: float) -> FlightBody:
 class _Equations:
     """Normal equations of each of f flights in (c, g).
 
-    c is the centre of mass [m] in the object frame O, g gravity [m/s^2].
+    c (3,) is the centre of mass in the object frame O [m], g the magnitude of gravity, a scalar [m/s^2].
     """
 
     products: Array

@@ -137,14 +137,16 @@ def judge_place(place: PivotPlace | None, fit: MotionFit) -> Judgement | None:
 def _line_by_shape(
     motion: PlanarMotion, fit: MotionFit, place: PivotPlace | None, task: StrikeTask
 ) -> SupportLine | None:
-    """Support line over which the body balanced instead of the planned one; None if over the planned.
+    """Support line over which the body balanced instead of the planned one; None if none is shown.
 
-    A support line is one over which the body turns for a range of tipping angles.
+    A support line is one over which the body turns for a range of tipping angles. The result is None as well
+    if the shape has no support lines, or if the other line is too near to the planned one to matter.
 
     Args:
         motion: the motion, with the tipping angle.
         fit: the chosen fit, with the balance angle.
-        place: measured horizontal place of the line at balance; None if it was not measured.
+        place: measured horizontal distance of the line at balance from the planned line, positive in the
+            direction of the tip; None if it was not measured.
         task: the strike with its support lines by the shape.
     """
     supports = task.supports

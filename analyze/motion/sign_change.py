@@ -89,7 +89,7 @@ def acceleration_noise(points: int) -> float:
 def sign_change(
     angle: TipAngle, window: tuple[int, int], points: int = 5, fit: MotionFit | None = None
 ) -> MotionFit:
-    """Balance angle phi by the estimator of VISAPP 2013 (section 3.2.1), from theta(t) over one window.
+    """Balance angle phi by the paper's estimator (VISAPP 2013, 3.2.1), from theta(t) over one window.
 
     phi is the tipping angle theta at the second sign change of its acceleration alpha. The sd of phi is
     sd(alpha) over the slope of alpha by theta, at the crossing. With a `fit` of the same motion the slope is

@@ -252,7 +252,7 @@ def _support_polygon(points: Array, up: Array) -> Array:
 def _turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> float:
     """Turn [rad] from direction ab to bc of points in the plane, positive to the left, from -pi to pi.
 
-    It is 0 if two of the points coincide.
+    It is 0 if b coincides with a or c.
     """
     first, second = (b[0] - a[0], b[1] - a[1]), (c[0] - b[0], c[1] - b[1])
     if math.hypot(*first) * math.hypot(*second) < 1e-18:

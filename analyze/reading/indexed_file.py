@@ -312,7 +312,8 @@ _INDEXED = {container.ATTACHMENT_INDEX: container.ATTACHMENT, container.METADATA
 def _add_record(file: IndexedFile, opcode: int, body: memoryview) -> None:
     """Enter one record of an MCAP file in `file`: a schema, channel, chunk, attachment or metadata.
 
-    An index record of the summary stands for the record at which it points. Other kinds are ignored.
+    An index record of the summary stands for the record at which it points. A chunk is entered by its index
+    record only: a chunk record itself is ignored, as are all other kinds.
 
     Args:
         file: indexed file, which is extended.

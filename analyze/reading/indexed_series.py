@@ -98,10 +98,11 @@ class IndexedSeries:
     ) -> Iterator[RecordedMessage]:
         """Yield the messages of a video that a decoder needs for a range of times, in file order.
 
-        The file may hold messages out of time order. The messages run from a start to the range's last
-        message in the file. The start is the range's first message in the file, or the nearest one before
-        it, at which a decoder can begin (`is_start`) and whose time is not after the range's earliest
-        message; without such a message it is the topic's first. An empty range yields none.
+        File order is that of the series' files and of the messages in them; their times need not increase. A
+        message suits as the start if a decoder can begin with it (`is_start`) and its time is not after the
+        earliest in the range. The search for it goes back in file order from the first message in the range,
+        that one included, and takes the first that suits; if none does, the topic's first message. The
+        messages run from there to the last one in the range. An empty range yields none.
 
         Args:
             topic: topic of the video.

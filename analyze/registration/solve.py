@@ -161,8 +161,8 @@ class Problem:
             unknowns: values from which the iteration starts.
 
         Returns:
-            The unknowns at the minimum, the normal matrix (n, n) of the shared ones there, and False if the
-            iteration still moved after its last step.
+            The unknowns at the minimum; the normal matrix (n, n) there of the shared unknowns, with the
+            frames' own unknowns eliminated; and False if the cost still fell at the last step allowed.
 
         Raises:
             EstimationError: the cost is not finite.

@@ -41,7 +41,7 @@ class ReplayOptions:
 
 
 class Sender:
-    """Sender of what a replay shows of one recording, to the stream that the viewer or a file receives.
+    """Sender of one recording's replay to a viewer or a file.
 
     A replay has pages (tabs of the viewer): one for the answer (the estimate with its warnings), one per
     strike, one for the session.

@@ -175,7 +175,8 @@ def _motions(motions: Sequence[TipMotion]) -> CsvTable:
 
     Columns: id of the strike, log time [ns], time [s], name of the phase, theta with its standard deviation,
     fitted theta, and residual (measured minus fitted), angles in rad. Time 0 is that of the fit's initial
-    state, or the first frame if there is no fit. Fitted angle and residual are None outside the fit's window.
+    state, or the first frame if there is no fit. The phase is empty if unknown or for a frame outside all
+    phases. Fitted angle and residual are None outside the fit's window.
     """
     rows: list[dict[str, Cell]] = []
     for motion in motions:

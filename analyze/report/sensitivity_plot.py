@@ -85,7 +85,9 @@ def source_rows(sensitivity: Sensitivity, covariance: Array) -> list[SourceRow]:
 
 
 def largest_source_text(rows: Sequence[SourceRow]) -> str:
-    """Sentences on the largest kinds of error, and the remedy for the first.
+    """Sentences on the largest contributions to the uncertainty of the centre of mass, and a remedy.
+
+    They name kinds of error with their shares of the variance; the remedy is that for the first.
 
     Args:
         rows: at least one kind of error, the largest first; the second is named if its share of the

@@ -150,14 +150,15 @@ class VideoSource:
         """Yield the video's pictures still compressed, in decoding order, in groups.
 
         Each group has the pictures' capture times since the first frame [ns], and which are key pictures.
-        Damaged pictures are left out, with a remark.
+        Damaged pictures are left out, with a remark. Only H.264 and H.265 can be stored as coded:
+        `storable_format` is the one of these in the file, None for any other codec.
 
         Args:
             room: number of bytes left free before each picture, for the message's head in a recording.
 
         Raises:
-            ImportRefused: the file cannot be opened, a picture has no time stamp, or `storable_format` is
-                None.
+            ImportRefused: the file cannot be opened, a picture has no time stamp, or the codec cannot be
+                stored as coded (`storable_format` is None).
         """
         if self.storable_format is None:
             raise ImportRefused(f"{self.path}: {self.codec} is not stored as coded")

@@ -179,7 +179,10 @@ def project_jacobian(camera: CameraModel, points_camera: Array) -> Array:
 
 
 class PixelMap:
-    """Look-up table of the ideal (distortion-free) coordinates of every pixel centre of one camera."""
+    """Look-up table of the ideal (distortion-free) coordinates [px] of all pixel centres of one camera.
+
+    The table is the array `ideal` (height, width, 2).
+    """
 
     def __init__(self, camera: CameraModel) -> None:
         """Compute the ideal (distortion-free) coordinates of all pixels of `camera`, once."""

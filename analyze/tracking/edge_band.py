@@ -57,8 +57,8 @@ def edge_band(
 ) -> EdgeBand | None:
     """Pixels near each edge of a square; None if an edge is too short, too long, or outside the image.
 
-    Too short is below 6 px, too long above 2000 px. An edge is outside if the image lacks more than a tenth
-    of its pixels.
+    Too short is below 6 px, too long above 2000 px, measured along the image's rows or columns, whichever are
+    nearer to the edge's direction. An edge is outside if the image lacks more than a tenth of its pixels.
 
     Args:
         shape: height and width of the image [px].
@@ -95,9 +95,10 @@ def edge_band(
 def _pixels_along(shape: tuple[int, ...], corners_raw: Array) -> tuple[IntArray, NDArray[np.bool_]] | None:
     """Pixels in a band along a square's four edges: index (4, s) in the flattened image, mask (4, s).
 
-    s is the number of pixels of the longest edge's band. The mask is True for pixels to use; a shorter edge
-    repeats its last pixels, unused. None if an edge is shorter than 6 px or longer than 2000 px, or more than
-    a tenth of an edge's band lies outside the image.
+    s is the number of pixels of the longest edge's band. The mask is True for pixels to use: it is False
+    outside the image, and where a shorter edge repeats its last pixels. None if more than a tenth of an
+    edge's band lies outside the image, or if an edge extends over less than 6 px or more than 2000 px along
+    the image's rows or columns, whichever are nearer to its direction.
 
     Args:
         shape: height and width of the image [px].
