@@ -31,7 +31,8 @@ face has the variance of the difference of two such radii, so that two faces may
 MAX_SCANNED_SD = MAX_ASSUMED_RADIUS / math.sqrt(12)
 """1 sigma of a radius seen on a scan [m] above which it is not used."""
 OWN_FRACTION = 0.32
-"""Least 1 sigma of one edge's radius about the mean of its face, over the stated 1 sigma."""
+"""Least 1 sigma of one edge's radius about the mean of its face, and of that mean about all edges', over the
+stated 1 sigma."""
 STATED_SD, STATED_SD_FRACTION = 1e-4, 0.2
 """1 sigma [m] of a stated radius without one: the first, plus this fraction of the radius. A gauge in steps
 of 0.25 mm, or a photograph beside a ruler, is no better."""
@@ -54,19 +55,20 @@ def stated_radius(spec: ObjectSpec) -> RadiusPrior:
     if radius is None or (radius == 0 and sd == 0):
         return ASSUMED
     common = sd or default_radius_sd(radius)
-    own = _own_sd(radius, common)
-    return RadiusPrior(radius, common, own, RadiusSource.STATED, FACE_OVER_OWN * own)
+    own, face = _deviation_sds(radius, common)
+    return RadiusPrior(radius, common, own, RadiusSource.STATED, face)
 
 
-def _own_sd(radius: float, sd: float) -> float:
-    """Standard deviation [m] of one edge's radius about the mean of its face; `radius` ± `sd` [m] is stated.
+def _deviation_sds(radius: float, sd: float) -> tuple[float, float]:
+    """1 sigma [m] of an edge's radius about the mean of its face, and of that mean about all edges'.
 
-    A single radius can be measured to `default_radius_sd`. What a stated sd has beyond that comes from edges
-    that differ, as those of an object with edges of 0.3 and of 2 mm: half of its variance is each edge's own.
-    The result is at least `OWN_FRACTION` of `sd`.
+    `radius` ± `sd` [m] is stated. A single radius can be measured to `default_radius_sd`. What a stated sd
+    has beyond that comes from edges that differ, as those of an object with edges of 0.3 and of 2 mm: half of
+    its variance is each edge's own, and a face's deviation is `FACE_OVER_OWN` times as large. Without such an
+    excess the edges are alike. Both results are at least `OWN_FRACTION` of `sd`.
     """
     spread = math.sqrt(max(sd**2 - default_radius_sd(radius) ** 2, 0.0) / 2)
-    return max(OWN_FRACTION * sd, spread)
+    return max(OWN_FRACTION * sd, spread), max(OWN_FRACTION * sd, FACE_OVER_OWN * spread)
 
 
 def default_radius_sd(radius: float) -> float:
