@@ -76,6 +76,7 @@ class JointModel:
         systematic: standard deviations of the shared errors.
         axes: number of pivot axes.
         faces: number of faces rested on or rising from a pivot edge.
+        face_terms: index, among the unknowns, of the place of each of these faces that has an id, by id.
         tilts: prior of the lean of each levelling.
         count: number of unknowns.
     """
@@ -90,6 +91,7 @@ class JointModel:
         faces = sorted({face for plane in planes for face in _faces(plane)})
         first_face = FIRST_AXIS_TERM + AXIS_TERMS * len(axes)
         self.faces = len(faces)
+        self.face_terms: dict[str, int] = {name: first_face + i for i, (name, _) in enumerate(faces) if name}
         # Two unknowns per face: its place, and the part of the radius that its edges share.
         self._further_levels = first_face + 2 * len(faces)
         self.tilts = systematic.tilts()

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -26,6 +26,8 @@ from scipy.special import chdtrc
 from analyze.errors import EstimationError
 from analyze.estimation.cells import Cells
 from analyze.estimation.mass_properties import InertialParameters
+from analyze.estimation.second_moments import symmetric_entries
+from analyze.estimation.shape_errors import ShapeErrors
 from analyze.estimation.truncated_normal import draw_truncated, shortest_intervals
 from analyze.geometry.object_model import DENSITIES, LEVER_ERROR, MODEL_ERROR
 from analyze.geometry.polyhedron import MassProperties
@@ -45,6 +47,8 @@ _CENTRE_ITERATIONS = 2
 """Number of times that the c of the parts, about which moments are taken, is updated."""
 _MASS_BOUND_SIGMAS = 5.0
 """Standard deviations by which a part's upper bound exceeds the object's mass."""
+_SHAPE_STEP = 0.1
+"""Step of the derivatives by an error of the shape, in units of its standard deviation."""
 _AT_BOUND = 1e-5
 """Distance of a mass from a bound, over its possible range, within which it is at the bound."""
 _UNOBSERVED_WIDTH = 0.5
@@ -156,7 +160,11 @@ def measured_moments(parameters: InertialParameters) -> MeasuredMoments:
 
 
 def part_masses(
-    moments: MeasuredMoments, names: Sequence[str], parts: Sequence[MassProperties], rng: np.random.Generator
+    moments: MeasuredMoments,
+    names: Sequence[str],
+    parts: Sequence[MassProperties],
+    rng: np.random.Generator,
+    errors: ShapeErrors | None = None,
 ) -> PartMasses:
     """Posterior of the masses of uniform parts given the moments of the whole object.
 
@@ -170,6 +178,7 @@ def part_masses(
         names: Names of the n parts.
         parts: Volume, centroid in the object frame O and inertia about it per kilogram of each part.
         rng: Random generator of the chains; the same seed gives the same result.
+        errors: Errors of the shape, which move and stretch the parts; None for an exact shape.
 
     Returns:
         Means (n,) [kg], covariance (n, n) [kg^2] and 95 % intervals (n, 2) [kg] of the masses, and which of
@@ -189,9 +198,12 @@ def part_masses(
         _MAX_DENSITY * volumes, moments.mass + _MASS_BOUND_SIGMAS * math.sqrt(float(moments.covariance[0, 0]))
     )
     prior = np.eye(len(parts)) / (_PRIOR_SD_OVER_MASS * moments.mass) ** 2
-    about, updates = moments.com, 0
+    if errors is not None:
+        parts = errors.moved(parts, errors.mean)
+    about, likeliest, updates = moments.com, uniform, 0
     while True:
-        rows, target = _whitened(moments, parts, about)
+        compared = moments if errors is None else _with_shape_errors(moments, parts, likeliest, errors)
+        rows, target = _whitened(compared, parts, about)
         precision = rows.T @ rows + prior
         mean: Array = np.asarray(
             np.linalg.solve(precision, rows.T @ target + prior @ uniform), dtype=np.float64
@@ -259,21 +271,49 @@ def _whitened(moments: MeasuredMoments, parts: Sequence[MassProperties], about: 
         parts: the n parts, each of uniform density.
         about: (3,) centre of mass in the object frame O [m], as measured or of the estimated parts.
     """
+    whiten, target = moments.whitening()
+    return whiten @ _design(moments, parts, about), target
+
+
+def _design(moments: MeasuredMoments, parts: Sequence[MassProperties], about: Array) -> Array:
+    """Mass, first moment and moments of inertia (4 + a, n) of a kilogram of each of n parts.
+
+    Rows: 1; first moment (3) [m] about the measured centre of mass; moments of inertia [m^2] about the a
+    measured axes through the point `about` (3,) [m], in the object frame O.
+    """
     columns = []
     for part in parts:
         arm = part.centroid - about
         inertia = part.unit_inertia + (arm @ arm) * np.eye(3) - np.outer(arm, arm)
-        columns.append(
-            np.concatenate(
-                [
-                    [1.0],
-                    part.centroid - moments.com,
-                    np.einsum("ai,ij,aj->a", moments.directions, inertia, moments.directions),
-                ]
-            )
-        )
-    whiten, target = moments.whitening()
-    return whiten @ np.array(columns).T, target
+        along = np.einsum("ai,ij,aj->a", moments.directions, inertia, moments.directions)
+        columns.append(np.concatenate([[1.0], part.centroid - moments.com, along]))
+    return np.array(columns).T
+
+
+def _with_shape_errors(
+    moments: MeasuredMoments, parts: Sequence[MassProperties], masses: Array, errors: ShapeErrors
+) -> MeasuredMoments:
+    """Measured moments with the covariance of their difference from those of the parts.
+
+    A shape error moves parts and measured centre of mass together, so that the difference may err less than
+    either. The derivatives of the parts' moments are taken at the masses (n,) [kg], by finite differences.
+    """
+    centre = masses @ np.array([part.centroid for part in parts]) / masses.sum()
+    count = len(errors.mean)
+
+    def moments_of(step: Array) -> Array:
+        return _design(moments, errors.moved(parts, step), centre) @ masses
+
+    unit = _SHAPE_STEP * np.eye(count)
+    by = np.array([(moments_of(step) - moments_of(-step)) / (2 * _SHAPE_STEP) for step in unit]).T
+    # Compared are c, the first moment over the mass, and moments of inertia.
+    by[1:4] /= moments.mass
+    lines = moments.directions[:, :, None] * moments.directions[:, None, :]
+    along = symmetric_entries(lines) * [1, 1, 1, 2, 2, 2] * moments.mass
+    shared = np.vstack([np.zeros((1, count)), errors.with_com, along @ errors.with_tensor])
+    crossed = by @ shared.T
+    covariance = moments.covariance + by @ errors.covariance @ by.T - crossed - crossed.T
+    return replace(moments, covariance=covariance)
 
 
 def _bounded_mode(mean: Array, precision: Array, most: Array) -> Array:

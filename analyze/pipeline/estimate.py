@@ -26,7 +26,7 @@ from analyze.estimation.checks import Checks, check_solution
 from analyze.estimation.edge_radii import EdgeRadius, RadiusCheck, estimated_radii, without_refuted_radii
 from analyze.estimation.fill_level import FillLevel
 from analyze.estimation.inertia import inertial_parameters_from_joint, shape_prior
-from analyze.estimation.joint import MomentModel, solve_joint
+from analyze.estimation.joint import JointSolution, MomentModel, solve_joint
 from analyze.estimation.labelled_parts import parts_of_bodies, parts_of_cells
 from analyze.estimation.markers import can_subtract, without_markers
 from analyze.estimation.mass_properties import CentreOfMass, InertialParameters, MassDistribution
@@ -34,6 +34,7 @@ from analyze.estimation.part_masses import PartMasses, measured_moments, part_ma
 from analyze.estimation.priors import ComPrior, Scale
 from analyze.estimation.profile import profiled_posterior
 from analyze.estimation.sensitivity import Sensitivity, sensitivity
+from analyze.estimation.shape_errors import Box, box_of, shape_errors
 from analyze.estimation.voxel_map import VoxelMap, voxel_map
 from analyze.estimation.what_ifs import Alternative
 from analyze.geometry.voxels import voxelise
@@ -60,6 +61,7 @@ from analyze.pipeline.shells import region_masses
 from analyze.pipeline.surface_error import SurfaceError, with_surface_error
 from analyze.pipeline.too_few import too_few_text
 from analyze.pipeline.what_ifs import estimate_alternatives
+from analyze.planning.stable_planes import resting_planes
 from analyze.types import EquiPlane, TipMotion
 from schemas.strike_result import Verdict
 
@@ -292,7 +294,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         solved_scale=with_estimated_gravity(scale, solution),
         cells=cells,
         distribution=region_masses(spec, model, cells, inertial, np.random.default_rng(options.seed)),
-        parts=_labelled_parts(evidence, cells, inertial, options),
+        parts=_labelled_parts(evidence, cells, inertial, solution, options),
         filling=estimate_filling(
             evidence, cells, measured_moments(inertial), np.random.default_rng(options.seed)
         ),
@@ -348,11 +350,16 @@ def _usable(motion: TipMotion, options: EstimateOptions) -> bool:
 
 
 def _labelled_parts(
-    evidence: Evidence, cells: Cells, inertial: InertialParameters, options: EstimateOptions
+    evidence: Evidence,
+    cells: Cells,
+    inertial: InertialParameters,
+    solution: JointSolution,
+    options: EstimateOptions,
 ) -> PartMasses | None:
     """Masses [kg] of the parts that the object file labels; None if it labels none, or labels a filling.
 
-    They are estimated from the measured moments, `inertial`. The parts are closed bodies of the mesh if the
+    They are estimated from the measured moments, `inertial`, and the errors of the shape in `solution`, the
+    joint solution of all strikes. The parts are closed bodies of the mesh if the
     labels name bodies, otherwise the shell and layers made of `cells`.
 
     Raises:
@@ -367,4 +374,9 @@ def _labelled_parts(
     else:
         parts = parts_of_cells(labels, cells, spec.name)
     names, solids = [name for name, _ in parts], [solid for _, solid in parts]
-    return part_masses(measured_moments(inertial), names, solids, np.random.default_rng(options.seed))
+    low, high = evidence.model.bounds
+    whole = Box((low + high) / 2, high - low)
+    boxes = [box_of(solid) if evidence.bodies else whole for solid in solids]
+    faces = {plane.id: np.append(-plane.up, plane.level) for plane in resting_planes(evidence.model)}
+    errors = shape_errors(solution, solids, boxes, faces)
+    return part_masses(measured_moments(inertial), names, solids, np.random.default_rng(options.seed), errors)
