@@ -31,16 +31,16 @@ def shape_prior(cells: Cells) -> MomentPrior:
     """Prior of the inertia per kilogram: midway between a uniform solid and all mass in the shell.
 
     1 sigma of an entry is the difference of the two, and at least a quarter of the geometric mean of the
-    diagonal entries of its row and column. The shell is the body's outer wall.
+    diagonal entries of its row and column. The shell is the body's outer wall. A body whose centre of mass c
+    lies away from their centroids has its mass on that side. Its inertia about c is not larger for that, so
+    the term by the parallel-axis theorem is no part of the mean; it is the size of a further error.
 
     Args:
         cells: Cells of the body, in shell and interior.
 
     Returns:
         Function of the centre of mass (3,) [m], in the object frame O, that gives the prior mean and sd, each
-        (3, 3) [m^2], of the inertia per kilogram about that point. The uniform solid and the shell are not
-        shifted so that their own centroids lie there; the parallel-axis term of the distance is included, is
-        small, and widens the prior.
+        (3, 3) [m^2], of the inertia per kilogram about that point.
     """
     shares = np.array([cells.volumes / cells.volumes.sum(), cells.shell / cells.shell.sum()])
     centroids = np.array([share @ cells.points for share in shares])
@@ -48,13 +48,15 @@ def shape_prior(cells: Cells) -> MomentPrior:
         [moments_about(cells, share, about) for share, about in zip(shares, centroids, strict=True)]
     )
 
+    uniform, surface = about_centroids
+    mean = (uniform + surface) / 2
+    scale = np.sqrt(np.outer(np.diag(mean), np.diag(mean)))
+    sd = np.maximum(np.abs(surface - uniform), 0.25 * scale)
+
     def prior(com: Array) -> UnitPrior:
-        off = centroids - com
-        moved = np.sum(off**2, axis=1)[:, None, None] * np.eye(3) - off[:, :, None] * off[:, None, :]
-        uniform, surface = about_centroids + moved
-        mean = (uniform + surface) / 2
-        scale = np.sqrt(np.outer(np.diag(mean), np.diag(mean)))
-        return UnitPrior(mean, np.maximum(np.abs(surface - uniform), 0.25 * scale))
+        off = centroids.mean(axis=0) - com
+        apart = off @ off * np.eye(3) - np.outer(off, off)
+        return UnitPrior(mean, np.hypot(sd, apart))
 
     return prior
 

@@ -96,6 +96,22 @@ def test_entries_that_no_strike_measured_are_marked_as_prior():
     assert found.inertia_sd[0, 1] > 5 * found.inertia_sd[0, 0]
 
 
+def test_shape_prior_holds_for_bodies_with_their_mass_at_one_side():
+    """Mass towards a corner makes the moments about c smaller, not larger by the distance of c."""
+    low, off = [], []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        masses = np.exp(BODY.points / np.array(SIZE) @ rng.normal(0, 5, 3))
+        body = replace(BODY, masses=masses / masses.sum())
+        unit = SHAPE(body.com)
+        z = (body.inertia - unit.mean) / unit.sd
+        low.append(np.diag(z).mean())
+        off.append(np.abs(z[np.triu_indices(3)]) < 1.96)
+    assert np.mean(off) > 0.9
+    # Most moments are smaller than those of the uniform solid, by about one sd.
+    assert -1.5 < np.mean(low) < 0
+
+
 def test_nearest_possible_tensor_belongs_to_a_body():
     rng = np.random.default_rng(3)
     for _ in range(50):
