@@ -33,7 +33,7 @@ def nothing(_: np.random.Generator, planes: list[EquiPlane]) -> list[EquiPlane]:
     return planes
 
 
-def solutions(disturb: Disturb, count: int = 20) -> list[JointSolution]:
+def solutions(disturb: Disturb, count: int = 14) -> list[JointSolution]:
     """Solutions of sessions with nine strikes over five axes, by the stated errors."""
     found = []
     for seed in range(count):
