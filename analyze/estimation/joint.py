@@ -27,6 +27,8 @@ MAX_ITERATIONS = 60
 """Largest number of Gauss-Newton steps."""
 CONVERGED_STEP = 1e-11
 """Largest change of an unknown in the last step: [m] for c, units of their sd for shared errors."""
+ROUNDED_DECREASE = 1e-12
+"""Decrease of the misfit by a step, over the misfit, below which the step is taken as it is."""
 OUTLIER_SIGMAS = 2.5
 """Standardised error above which a strike's robust weight falls below 1."""
 TWO_ERRORS_AS_ONE = 2.5 / 2.97
@@ -343,9 +345,11 @@ def _step(
     step = -np.linalg.solve(normal, gradient)
     step = step * min(1.0, MAX_LOG_STEP / max(float(np.abs(step[LENGTHS]).max()), 1e-12))
     before = misfit(x, z)
+    # Below it the misfit's rounding hides whether a step lowers it.
+    rounding = -float(gradient @ step) < ROUNDED_DECREASE * before
     for _ in range(12):
         there = whitened(model, data, x + step)
-        if misfit(x + step, there[0]) <= before:
+        if rounding or misfit(x + step, there[0]) <= before:
             return x + step, *there
         step = step / 2
     return x, z, rows
