@@ -230,8 +230,9 @@ def _distribution(
     """Masses of shell, upper and lower interior over bodies of both kinds, and the dividing plane.
 
     The dividing plane splits the interior; the upper part is the one on the side of its normal. Kinds that
-    have the measured moments count alike: a body is only like one of them, so that a somewhat better fit of
-    one does not rule out the other.
+    have the measured moments count alike in the intervals: a body is only like one of them, so that a
+    somewhat better fit of one does not rule out the other. The masses themselves are those of parts beside a
+    plane, if these have the moments.
 
     Args:
         kinds: Posteriors of the kinds of body, of which the first is divided by planes.
@@ -263,6 +264,10 @@ def _distribution(
         if w >= MIN_THICKNESS_PROBABILITY
     ]
     masses = np.concatenate([each for each, _ in drawn])
+    # Two uniform parts beside a plane are the usual body; the other kinds only widen what is stated.
+    parts = int(np.sum(kinds[0].weight >= MIN_THICKNESS_PROBABILITY)) if flat else len(drawn)
+    estimate = np.concatenate([each for each, _ in drawn[:parts]]).mean(axis=0)
+    apart = masses - estimate
     places = np.concatenate([each for _, each in drawn]) if flat else np.array([height])
     low, high = np.quantile(places, [0.025, 0.975])
     sd = np.max([_share_sd(kind.first, normal) for kind in explaining], axis=0)
@@ -272,9 +277,11 @@ def _distribution(
         intervals = np.clip(intervals + shape, 0.0, max(parameters.mass, float(intervals.max())))
     return MassDistribution(
         names=REGION_NAMES,
-        masses=masses.mean(axis=0),
-        covariance=np.cov(masses.T),
-        intervals=intervals,
+        masses=estimate,
+        covariance=apart.T @ apart / (len(masses) - 1),
+        intervals=np.column_stack(
+            [np.minimum(intervals[:, 0], estimate), np.maximum(intervals[:, 1], estimate)]
+        ),
         limits=bounds.at_plane(normal, middle + height),
         misfit=misfit,
         explained=True,
