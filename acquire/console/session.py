@@ -36,7 +36,8 @@ class SessionProgress(Progress):
     def __call__(self, text: str, done: int, total: int) -> None:
         """Show `text` on the progress line; also print it as a line of its own if it contains a colon.
 
-        Texts with a colon report the end of a strike or a step of the set-up.
+        Texts with a colon are those worth keeping: a step of the set-up, the end of a strike, why an object
+        is placed again, a fault or warning, what was learned, or which files were kept.
 
         Args:
             text: current step.
@@ -67,7 +68,8 @@ class SessionProgress(Progress):
 class ConsoleOperator:
     """Thread that shows the daemon's prompts and problems and sends back the operator's answers.
 
-    As a context manager it runs during the `with` block; it ends when the connection to the daemon ends.
+    As a context manager it runs during the `with` block; it ends when the connection to the daemon ends, or,
+    if it waits for a line from the operator then, with that line or the process.
 
     Args:
         socket: path of the daemon's socket.

@@ -16,9 +16,10 @@ from acquire.striker import deadman_process
 
 
 class DeadManSwitch:
-    """Child process that switches the servo's torque off when this process ends.
+    """Child process that switches the servo's torque off 0.13 s after this process has ended.
 
-    It is ready once the constructor has returned.
+    Until then the servo's bus watchdog has stopped a swinging arm. The child is ready once the constructor
+    has returned.
 
     Args:
         descriptor: file descriptor of the open serial port, which the child inherits.

@@ -196,14 +196,17 @@ class Servo:
         return self._config.zero_position + self._config.direction * round(angle / TICK_RAD)
 
     def sample(self, interrupted: Callable[[], bool] = lambda: False) -> Sample | None:
-        """Read arm angle [rad], angular velocity [rad/s], motor current [A] and servo clock at one instant.
+        """Read the arm's angle, angular velocity, motor current and the servo's clock at one instant.
+
+        The angle [rad] is 0 at the impact point and grows towards the object, with velocity in rad/s and
+        current in A; the clock counts ms and wraps at 32768.
 
         Args:
             interrupted: called while waiting; True ends the wait for the answer.
 
         Returns:
-            These values with the host's times before and after the reading; None if the answer is lost, the
-            wait was interrupted, the servo refused the reading, or the values are impossible.
+            These values with the host's monotonic times [ns] before and after the reading; None if the answer
+            is lost, the wait was interrupted, the servo refused the reading, or the values are impossible.
 
         Raises:
             StrikerFault: the servo reports a hardware error.

@@ -116,9 +116,9 @@ def overlay(back: Layer, front: Sequence[Layer]) -> Layer:
 def compose(front_to_back: Sequence[Layer]) -> Layer:
     """Combine one or more layers that hide one another, given from front to back, and return one layer.
 
-    In a shared pixel the front layer takes its cover first, and layers behind it only what is left; two
-    layers that meet at an edge fill it without a seam. A single layer is returned as it is.
-    Per pixel, a layer has its light and its cover (fraction 0..1 of the pixel that it hides).
+    Per pixel, a layer has its light (grey level times cover) and its cover (fraction 0..1 of the pixel that
+    it hides). In a shared pixel the front layer takes its cover first, and layers behind it only what is
+    left; two layers that meet at an edge fill it without a seam. A single layer is returned as it is.
     """
     if len(front_to_back) == 1:
         return front_to_back[0]

@@ -23,8 +23,9 @@ _FLAT = 1e-7
 
 @dataclass(frozen=True)
 class FaceGroup:
-    """Connected faces of a mesh without a concave edge: seen from outside, none hides another.
+    """Faces of a mesh that are connected across edges that are not concave.
 
+    Seen from outside, none hides another, unless a concave edge lies within the group (`face_groups`).
     A group has f faces (triangles), with corners and normals. The boundaries between faces are cut into m
     short pieces, which connect n points; for each piece the faces on both sides are given.
     """
@@ -49,16 +50,18 @@ class FaceGroup:
 
 
 def face_groups(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[FaceGroup, ...]:
-    """Connected parts of a closed mesh's surface, split along its concave edges.
+    """Groups of a closed mesh's faces that are connected across edges that are not concave.
 
-    Seen from outside, no face of a part hides another of the same part.
+    Concave edges separate two groups where they form a closed loop, as at a bottle's shoulder. Seen from
+    outside, no face of a group then hides another of it. That does not hold for a group with a concave edge
+    inside, such as an L-shaped block's; the built-in objects have none.
 
     Args:
         vertices: (n, 3) vertices [m, in O, the object's frame].
         faces: (m, 3) triangles as indices of vertices, normals outward.
 
     Returns:
-        One group of faces per part, with its boundary lines for drawing; every face is in one group.
+        One entry per group, with its boundary lines for drawing; every face is in one group.
     """
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

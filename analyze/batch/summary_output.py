@@ -103,8 +103,9 @@ def cells(each: Repeated) -> tuple[str, str, str, str, str]:
     """Texts for the table cells of a quantity's repeatability.
 
     Returns:
-        Mean with unit; standard deviation from session to session; stated standard deviation; chi-square per
-        degree of freedom; drift per day ± half width of its 95 % interval, with unit. NaN is shown as "–".
+        Mean with unit; standard deviation from session to session; median of the standard deviations that the
+        sessions' results state; chi-square per degree of freedom; drift per day ± half width of its 95 %
+        interval, with unit. NaN is shown as "–".
     """
     digits = 3 if each.unit == "mm" else 1
     drift = (

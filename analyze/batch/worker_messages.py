@@ -65,6 +65,9 @@ class Outcome:
 def write_failure(request: Request, failure: str, reason: str, seconds: float, scratch: Path) -> Outcome:
     """Write the failure row of a recording whose worker ended or was stopped at its time limit.
 
+    The row is the file `FAILURES`/<source id>.parquet in the request's folder of results; an earlier one is
+    replaced.
+
     Args:
         request: request that was not answered; its folder of results must exist.
         failure: kind of failure.

@@ -62,9 +62,10 @@ def _affine(squares: Array, pixels: Array) -> Array:
 
 
 def distinct_views(outlines: Sequence[Array], tags: Sequence[int], width: int) -> list[int]:
-    """Indices of at most `MOST_VIEWS` views (images) whose outlines of the board differ, increasing.
+    """Indices of the views (images) whose outlines of the board differ, increasing.
 
-    Of views with similar outlines (`MIN_VIEW_DISTANCE`) the one with the most tags is taken.
+    Outlines are similar if their corners are apart by at most `MIN_VIEW_DISTANCE` times the image's width in
+    the mean. Of views with similar outlines the one with the most tags is taken.
 
     Args:
         outlines: outer corners (4, 2) of the board in each view [px].
@@ -76,7 +77,7 @@ def distinct_views(outlines: Sequence[Array], tags: Sequence[int], width: int) -
     for i in order:
         if all(_distance(outlines[i], outlines[j]) > MIN_VIEW_DISTANCE * width for j in kept):
             kept.append(i)
-    return sorted(kept if len(kept) <= MOST_VIEWS else _farthest_first(kept, outlines))
+    return sorted(kept)
 
 
 def _distance(first: Array, second: Array) -> float:
@@ -84,22 +85,21 @@ def _distance(first: Array, second: Array) -> float:
     return float(np.linalg.norm(first - second, axis=1).mean())
 
 
-def _farthest_first(kept: Sequence[int], outlines: Sequence[Array]) -> list[int]:
-    """Select `MOST_VIEWS` of the views `kept` that differ most.
+def most_different(views: Sequence[int], outlines: Sequence[Array]) -> list[int]:
+    """Indices, increasing, of at most `MOST_VIEWS` of the views (images) `views`, those that differ most.
 
     The first view is taken, then always the one whose outline is farthest from all taken before.
 
     Args:
-        kept: indices of at least `MOST_VIEWS` views.
+        views: indices of the views to choose from.
         outlines: outer corners (4, 2) of the board in all views [px].
-
-    Returns:
-        Indices of the selected views, in the order of selection.
     """
-    points = np.array([outlines[i].ravel() for i in kept])
+    if len(views) <= MOST_VIEWS:
+        return sorted(views)
+    points = np.array([outlines[i].ravel() for i in views])
     taken = [0]
     nearest = np.linalg.norm(points - points[0], axis=1)
     while len(taken) < MOST_VIEWS:
         taken.append(int(np.argmax(nearest)))
         nearest = np.minimum(nearest, np.linalg.norm(points - points[taken[-1]], axis=1))
-    return [kept[i] for i in taken]
+    return sorted(views[i] for i in taken)

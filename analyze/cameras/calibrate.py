@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from analyze.calibration.calibrate import Calibration, Dropped, Shot, calibrate
-from analyze.calibration.choose import distinct_views, outline
+from analyze.calibration.choose import MOST_VIEWS, distinct_views, most_different, outline
 from analyze.calibration.detect import BoardSighting, families_seen, find_corners, likely_squares, read_board
 from analyze.calibration.place import LYING, STANDING, CameraPlace, implausibilities, place_camera
 from analyze.calibration.verdict import MIN_VIEWS
@@ -74,6 +74,8 @@ class CalibrationAnswer:
     """names of images that show no board"""
     alike: int
     """number of views left out because another shows the board in the same place"""
+    surplus: int
+    """number of views left out because `MOST_VIEWS` others, which differ more, are enough"""
     dropped: tuple[Dropped, ...]
     """other views that were left out, with the reasons"""
     doubts: tuple[str, ...]
@@ -137,9 +139,15 @@ def calibrate_camera(options: CalibrateOptions, progress: Progress) -> Calibrati
     if not seen:
         raise CalibrationError(_no_board(looked_at, nothing, options.board))
     _refuse_other_board([sight for _, _, sight in seen], options.board)
-    shots, alike, dropped = _shots(seen, options.board, progress)
+    shots, alike, surplus, dropped = _shots(seen, options.board, progress)
     if len(shots) < MIN_VIEWS:
-        raise CalibrationError(_too_few_views(len(shots), looked_at, alike, len(blind), len(dropped)))
+        left_out = {
+            "show the board where another does": alike,
+            f"differ less from one another than the {MOST_VIEWS} chosen": surplus,
+            "show no board": len(blind),
+            "are blurred or show too little of it": len(dropped),
+        }
+        raise CalibrationError(_too_few_views(len(shots), looked_at, left_out))
     found = calibrate(shots, options.board, options.model, progress)
     place = None if options.table is None or found.undetermined else _place(options, options.table, found)
     doubts = (*found.doubts, *(() if place is None else implausibilities(place.T_world_camera)))
@@ -152,6 +160,7 @@ def calibrate_camera(options: CalibrateOptions, progress: Progress) -> Calibrati
         looked_at,
         tuple(blind),
         alike,
+        surplus,
         (*dropped, *found.dropped),
         doubts,
     )
@@ -244,25 +253,15 @@ def _refuse_other_board(sights: Sequence[BoardSighting], board: Board) -> None:
     raise CalibrationError(f"another board: {said}: {remedy}")
 
 
-def _too_few_views(views: int, images: int, alike: int, without_board: int, unusable: int) -> str:
+def _too_few_views(views: int, images: int, left_out: Mapping[str, int]) -> str:
     """Text of the error that too few views (usable images) are left, with their number and reasons.
 
     Args:
         views: number of usable images.
         images: number of images that were read.
-        alike: number left out because another image shows the board in the same place.
-        without_board: number that show no board.
-        unusable: number that are blurred or show too little of the board.
+        left_out: number of images left out, by reason, in words that continue such a number.
     """
-    reasons = [
-        f"{count} {text}"
-        for count, text in (
-            (alike, "show the board where another does"),
-            (without_board, "show no board"),
-            (unusable, "are blurred or show too little of it"),
-        )
-        if count
-    ]
+    reasons = [f"{count} {reason}" for reason, count in left_out.items() if count]
     found = f"{_counted(views, 'view')} of the board from {_counted(images, 'image')}"
     why = f" ({', '.join(reasons)})" if reasons else ""
     return (
@@ -280,8 +279,8 @@ def _counted(count: int, noun: str) -> str:
 
 def _shots(
     seen: Sequence[tuple[str, Image, BoardSighting]], board: Board, progress: Progress
-) -> tuple[list[Shot], int, list[Dropped]]:
-    """Choose one image per position of the board, and find the board's corners in it.
+) -> tuple[list[Shot], int, int, list[Dropped]]:
+    """Choose one image per place of the board, at most `MOST_VIEWS`, and find the board's corners in it.
 
     Args:
         seen: name, grey values and tags of each image that shows the board.
@@ -290,15 +289,16 @@ def _shots(
 
     Returns:
         The images with corners; the number of images left out because another shows the board in the same
-        place; the unusable images (too few tags or corners, or blurred) with their reasons.
+        place; the number left out because `MOST_VIEWS` others, which differ more, are enough; the unusable
+        images (too few tags or corners, or blurred) with their reasons.
     """
     outlined = [(name, image, sight, outline(sight, board)) for name, image, sight in seen]
     dropped = [Dropped(name, "too few tags are seen") for name, _, _, where in outlined if where is None]
     usable = [(name, image, sight, where) for name, image, sight, where in outlined if where is not None]
     width = seen[0][1].shape[1]
-    chosen = distinct_views(
-        [where for *_, where in usable], [len(sight.tags) for _, _, sight, _ in usable], width
-    )
+    outlines = [where for *_, where in usable]
+    distinct = distinct_views(outlines, [len(sight.tags) for _, _, sight, _ in usable], width)
+    chosen = most_different(distinct, outlines)
     shots: list[Shot] = []
     for number, i in enumerate(chosen):
         name, image, sight, _ = usable[i]
@@ -318,7 +318,8 @@ def _shots(
         for shot in shots
         if shot.view.blur > limit
     ]
-    return [shot for shot in shots if shot.view.blur <= limit], len(usable) - len(chosen), dropped
+    sharp = [shot for shot in shots if shot.view.blur <= limit]
+    return sharp, len(usable) - len(distinct), len(distinct) - len(chosen), dropped
 
 
 def _place(options: CalibrateOptions, table: Path, found: Calibration) -> CameraPlace:

@@ -95,8 +95,9 @@ class Card:
     def on_line(self) -> str:
         """Sentence for the position of the pivot edge on the line drawn on the table.
 
-        It has the distance of the edge's near end from the mark, the point y = 0 of the line. For a rim, or
-        if no edge was found, it has the point of contact, and the distance of the object's front.
+        It has the distance of the edge's near end from the mark, the point y = 0 of the line. Near is towards
+        the eye of the pictures, which is on the camera's side, or opposite it for a turned strike. For a rim,
+        or if no edge was found, it has the point of contact, and the distance of the object's front.
         """
         front = f"{1000 * self.place.front_to_mark:.0f} mm from the mark {self._along(near=True)}"
         if self.place.edge is None:

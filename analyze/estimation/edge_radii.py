@@ -349,7 +349,8 @@ def _rounded_axes(solution: JointSolution) -> list[EquiPlane]:
 def _radii(solution: JointSolution, axes: Sequence[EquiPlane]) -> tuple[Array, Array]:
     """Estimated radii (n,) [m] of the edges of n pivot axes, and their covariance (n, n) [m^2].
 
-    `axes` holds one plane for each axis, of any strike about it.
+    `axes` holds, for each axis, the equi-plane (through pivot line and centre of mass) of any one strike
+    about it.
     """
     rows = solution.model.radius_errors([plane.axis_id for plane in axes])
     values = np.array([plane.edge_radius for plane in axes]) + rows @ solution.x
@@ -357,9 +358,10 @@ def _radii(solution: JointSolution, axes: Sequence[EquiPlane]) -> tuple[Array, A
 
 
 def _prior_covariance(model: JointModel, axes: Sequence[EquiPlane]) -> Array:
-    """Covariance (n, n) [m^2] before any strike of the radii of the edges of n pivot axes.
+    """Covariance (n, n) [m^2], before any strike is measured, of the radii of the edges of n pivot axes.
 
-    `axes` holds one plane for each axis, of any strike about it in `model`.
+    `axes` holds, for each axis, the equi-plane (through pivot line and centre of mass) of any one strike
+    about it in `model`.
     """
     rows = model.radius_errors([plane.axis_id for plane in axes])
     return rows @ rows.T

@@ -115,6 +115,8 @@ class ShareDistribution:
         """Log (b,) of the integral of prior times likelihood of each of b distributions.
 
         A distribution is over three shares of a whole, none negative; the integral is over all such shares.
+        The prior gives probability `EMPTY_PART_PRIOR` to the second share being zero, and to the third;
+        otherwise it is uniform.
         With w the first two shares, and their mean and precision (inverse covariance) before truncation, the
         likelihood is exp(-(w - mean).precision.(w - mean) / 2).
         """

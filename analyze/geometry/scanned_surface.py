@@ -119,9 +119,9 @@ def scanned_mesh(vertices: Array, faces: IntArray, added: BoolArray) -> ScannedS
 def _layers(points: Array, normals: Array, tree: KDTree, probe: float, sd: float) -> IntArray:
     """Number (n,) of a cloud's layers that straight lines into the body meet.
 
-    Layers two probe widths or more apart are counted separately. Nearer layers count as two if their points
-    scatter about their common middle by more than the noise. A line that meets nothing is given the count of
-    the nearest line that does; if none does, all counts are 0.
+    Layers four probe widths or more apart are counted separately. Nearer layers that run together count as
+    two if their points scatter about their common middle by more than twice the noise. A line that meets
+    nothing is given the count of the nearest line that does; if none does, all counts are 0.
 
     Args:
         points: (n, 3) starts of the lines [m].

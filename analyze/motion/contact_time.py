@@ -37,7 +37,7 @@ class ContactTime:
 
 
 def contact_time(fit: MotionFit) -> ContactTime | None:
-    """Log time of the striker's contact with its sd [ns], extrapolated to tipping angle 0, or None.
+    """log_time [ns] of the striker's contact, with its sd, extrapolated back to tipping angle 0, or None.
 
     None if the fit has no rate constant k of the tip [rad/s^2], or in its first frame the object does not tip
     forward (angular speed omega0 <= 0) or lies below rest (tipping angle theta0 < 0).

@@ -69,7 +69,8 @@ class EdgeMotion:
     """(3,) offset of the true edge from the assumed one at rest, along and off the table, and its radius
     beyond the assumed one [m]"""
     offset_covariance: Array
-    """(3, 3) covariance of `offset` [m^2]"""
+    """(3, 3) covariance [m^2] of the reverse offset, that of the assumed edge from the true one, and of the
+    radius of `offset`"""
     by_radius: Array
     """(n, 2) errors of slip and lift in every frame, per metre by which the edge's radius exceeds the planned
     one"""
@@ -84,8 +85,9 @@ def edge_motion(motion: PlanarMotion, window: tuple[int, int]) -> EdgeMotion:
             corrected.
 
     Returns:
-        The corrected motion, the ranges of its slip and lift in the window [m], and the errors (3,) of the
-        assumed edge with covariance (3, 3): its offset along and off the table, and its radius [m].
+        The corrected motion; the ranges of its slip and lift in the window [m]; the offset (3,) of the true
+        edge from the assumed one at rest, along and off the table, and its radius beyond the assumed one [m],
+        with a covariance (3, 3) [m^2]; and the errors of slip and lift per metre of radius.
     """
     angle = motion.angle
     used = slice(*window)
@@ -179,7 +181,8 @@ def _corrected(motion: PlanarMotion, used: slice, offset: Array, covariance: Arr
 
     Returns:
         The corrected motion, with the ranges of its slip and lift [m]. Its `offset` along and off the table
-        is that of the true edge from the assumed one, the negative of the argument.
+        is that of the true edge from the assumed one, the negative of the argument; its `offset_covariance`
+        is that of the argument.
     """
     angle = motion.angle
     along, off = (displacement_per_error(angle.theta) @ offset).T

@@ -27,8 +27,11 @@ def moulded_radius(points: Array, phi: float) -> float | None:
 
     Moulded parts have such roundings. There is one if the contact rolls on one circle while the object tips
     from 3 deg after rest to 5 deg past the balance angle: the circle's centre stays above the end of the flat
-    resting face, and its radius stays constant, both within 10 % of the radius. The face must be longer than
-    half the radius; otherwise it is a facet of a round body. None also if the points span no area.
+    resting face, and its radius stays constant, both within 10 % of the radius. Besides, from 1 deg after
+    rest to 25 deg past the balance angle, curves of more than 0.5 mm radius must touch the table over more
+    than 15 deg, and no flat face of 0.5 mm or more may come to lie on it: above a balance angle of 65 deg the
+    next face of a square corner does. The resting face must be longer than half the radius; otherwise it is a
+    facet of a round body. None also if the points span no area.
 
     Args:
         points: (n, 2) the shape's hull corners projected along the pivot edge [m], relative to the end of the

@@ -51,10 +51,11 @@ def judge_placement(
     task: StrikeTask,
     rest_end_ns: int,
 ) -> Judgement | None:
-    """Verdict "wrong placement" on a strike before which the object lay otherwise than planned, else None.
+    """Verdict "wrong placement" on a strike before which the object was turned against its planned pose.
 
-    The reason names the strike of the plan that the markers at rest fit, if there is one. None also if no
-    marker with a known place on the object is seen at rest in three frames.
+    It is given for turns of more than `MAX_TURN` (15 deg), otherwise None; the position is not checked. The
+    reason names the strike of the plan that the markers at rest fit, if there is one. None also if no marker
+    with a known place on the object is seen at rest in three frames.
 
     Args:
         tracks: tracks of the strike's window.

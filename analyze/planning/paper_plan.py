@@ -95,9 +95,10 @@ class PaperPlan:
 
     @property
     def struck(self) -> tuple[PaperStrike, ...]:
-        """Impact points that the paper strikes: the first `STRUCK_POINTS`.
+        """Strikes that the paper makes: the first `STRUCK_POINTS` (3), those of least force.
 
-        Often they have parallel axes or share a vertex, and so do not determine the centre of mass.
+        Often their tipping axes are parallel or pass through one vertex; then they do not determine the
+        centre of mass.
         """
         return self.strikes[:STRUCK_POINTS]
 

@@ -92,8 +92,9 @@ def cube_figure(answer: CubeAnswer) -> Figure:
     """Figure of the cube's centre of mass c by three methods, and of its moments of inertia.
 
     The methods are free flight, contact of an edge with the table, and contact of a corner. Four panels
-    show c [mm] from the side and from above with 95 % ellipses, the deviation from a parabola in flight over
-    the height in the cube, and the moments of inertia per mass by edge and corner contact.
+    show c [mm] from the side and from above with 95 % ellipses; how far points of the cube deviate from a
+    parabola in flight [mm], over their height z in the cube [mm]; and the moments of inertia per mass
+    [10⁻³ m²] by edge and corner contact.
     """
     with style():
         figure = Figure(figsize=(10.4, 3.4), layout="constrained")

@@ -70,14 +70,15 @@ def tip_truth(planned: PlannedStrike, body: pb.TruthBody) -> TipTruth:
 def score_answer(path: Path, answer: Answer) -> dict[str, Any]:
     """Errors of an answer against the ground truth of a virtual recording, as a table ready for JSON.
 
-    Lists run over the strikes used (`strike_ids`); an entry of `i_edge_relative_error` is None where the
-    strike has no I_edge (moment about the edge).
+    Lists of phi and I_edge (moment about the edge) run over the strikes used (`strike_ids`), those of the
+    centre of mass over x, y, z, those of regions over `region_names`; an entry of `i_edge_relative_error` is
+    None where the strike has no I_edge.
 
     Region masses are those of the shell, the upper and the lower part of the interior. Their errors are the
     paper's metric, the mean over regions of abs(dm) / M, and the mass in the wrong region, sum abs(dm) / 2M,
     with dm the error of a region's mass and M the object's mass; both are None if the truth has no three
     regions. "Upper" is by the true plane that divides the interior. If the estimated plane's normal points to
-    the other side, the estimate's names of the two interior parts are swapped.
+    the other side, the estimate's two interior masses are swapped.
 
     Args:
         path: recording that holds the ground truth.

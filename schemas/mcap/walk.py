@@ -71,7 +71,8 @@ class WholeRecords(NamedTuple):
 def whole_records(read: Callable[[int, int], Buffer], start: int, size: int) -> WholeRecords:
     """Find the end of the last whole (completely written) record; only the records' heads are read.
 
-    The search ends at the first record that is not whole, or after the record that ends the data section.
+    The search ends at the first record that is not whole, at opcode 0 (zeros at the end of a file), or after
+    the record that ends the data section.
 
     Args:
         read: function of (count, offset) that returns at most `count` bytes of the file from `offset` on.

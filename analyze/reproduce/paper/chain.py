@@ -52,8 +52,9 @@ class _Struck:
 def paper_answers(estimate: Estimate) -> list[PaperAnswer]:
     """Results of the paper's method (VISAPP 2013), one per round of strikes, as in the paper's tables.
 
-    Round i consists of the i-th strike on each axis (pivot edge). Only strikes that tipped over count. The
-    axis with the fewest sets the number of rounds; the list is empty without such strikes. The balance angle
+    Round i consists of the i-th strike on each axis (pivot edge). Only strikes with verdict "good" count:
+    they tipped over without sliding, twisting or rolling on. The axis with the fewest, of those that have
+    any, sets the number of rounds; the list is empty without such strikes. The balance angle
     of a strike is that at the sign change of the angular acceleration. The moments of inertia about the edges
     follow from eq. 5, with the distance of the edge from the paper's own centre of mass. The region masses
     are computed with this centre of mass as well.
@@ -78,10 +79,11 @@ def sign_change_fit(motion: TipMotion) -> MotionFit | None:
 
 
 def _by_axis(estimate: Estimate) -> dict[str, list[_Struck]]:
-    """Strikes that tipped over, by axis id, each with its plan and its fit by the paper's estimator.
+    """Strikes with verdict "good", by axis id, each with its plan and its fit by the paper's estimator.
 
-    The estimator takes the balance angle at the second sign change of the angular acceleration. Axes without
-    such a strike are left out.
+    Strikes in which the object rocked back, slid, twisted or rolled are left out, and so are those without
+    such a fit, and axes without a strike. The estimator takes the balance angle at the second sign change of
+    the angular acceleration.
     """
     evidence = estimate.evidence
     found: dict[str, list[_Struck]] = {}

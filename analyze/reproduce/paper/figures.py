@@ -109,7 +109,8 @@ def _draw_phases(panels: Sequence[Axes], profile: Profile, seconds: Array) -> No
 def angles_figure(records: Sequence[SessionRecord]) -> Figure | None:
     """Figure 9(a) of the paper: balance angle's error [deg] of each strike that tipped the carton over.
 
-    The errors of our method and of the paper's are shown. None without such a strike.
+    The errors of our method and of the paper's are shown. None without such a strike in the sessions planned
+    by our method.
     """
     angles = [
         angle
@@ -146,8 +147,8 @@ def sensitivity_figure(records: Sequence[SessionRecord]) -> Figure | None:
     """Figure 9(b, c): errors of c over noise of angles, and of region masses over noise of moments.
 
     c is the centre of mass; the regions are shell, upper and lower interior part. Added noise is that of the
-    balance angles [deg] and of the moments of inertia about the edges [%]. None if no session was analysed
-    with both kinds of noise.
+    balance angles [deg] and of the moments of inertia about the edges [%]. None if no session planned by our
+    method was analysed with both kinds of noise.
     """
     mine = scores.with_our_plan(records)
     com = [row for record in mine if record.moment_noise for row in record.angle_noise]
@@ -164,10 +165,11 @@ def sensitivity_figure(records: Sequence[SessionRecord]) -> Figure | None:
 
 
 def scan_figure(records: Sequence[SessionRecord]) -> Figure | None:
-    """Figure 10: errors of the centre of mass and of three masses over the noise of the scan.
+    """Figure 10: errors of the centre of mass [mm] and of the region masses [%] over the scan's noise [mm].
 
-    The masses are those of the shell and the two inner parts. None if no session was analysed with a noisy
-    scan.
+    The error of the masses is the paper's metric, one number for shell and two inner parts. Both methods are
+    shown. The noise is stated by the largest shift of a scanned point. None if no session planned by our
+    method was analysed with a noisy scan.
     """
     mine = scores.with_our_plan(records)
     com = [row for record in mine for row in record.scan_noise_com]

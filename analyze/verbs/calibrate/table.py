@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from analyze.calibration.choose import MOST_VIEWS
 from analyze.calibration.verdict import place_in_image
 from analyze.cameras.calibrate import CalibrationAnswer
 from analyze.cameras.calibration_toml import calibration_spec
@@ -68,6 +69,12 @@ def render_calibration(answer: CalibrationAnswer, console: Console | None = None
         console.print(
             f"{answer.alike} of {answer.looked_at} images show the board in the same place as another: not "
             "used",
+            highlight=False,
+        )
+    if answer.surplus:
+        console.print(
+            f"{answer.surplus} of {answer.looked_at} images not used: {MOST_VIEWS} views, which differ more, "
+            "are enough",
             highlight=False,
         )
     if answer.without_board:
@@ -168,6 +175,7 @@ def calibration_json(answer: CalibrationAnswer) -> dict[str, Any]:
         "images": answer.looked_at,
         "without_board": list(answer.without_board),
         "alike": answer.alike,
+        "surplus": answer.surplus,
         "dropped": [{"name": left.name, "reason": left.reason} for left in answer.dropped],
         "corners_dropped": found.corners_dropped,
         "place": None

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 
 from acquire.config import read_rig
 from acquire.recorder.image import RawImageEncoder
+from analyze.calibration import choose
 from analyze.cameras import calibrate
 from analyze.cli import main
 from schemas import topics
@@ -290,6 +291,15 @@ def test_recording_gives_each_board_position_once(folder, tmp_path):
     assert found["images"] < 5 * 0.5 * len(pictures) + 2
     assert found["alike"] == found["images"] - len(pictures)
     assert "board.mcap at 0." in found["views"][0]["name"]
+
+
+def test_views_beyond_the_most_are_not_counted_as_repeated_places(folder, monkeypatch):
+    monkeypatch.setattr(choose, "MOST_VIEWS", 6)
+    found = json.loads(run(folder, *SQUARES, "--json").stdout)
+    assert (len(found["views"]), found["alike"], found["surplus"]) == (6, 0, 1)
+    text = run(folder, *SQUARES).stdout
+    assert "1 of 7 images not used: 40 views, which differ more, are enough" in text
+    assert "in the same place" not in text
 
 
 def test_rig_without_camera_pose_is_refused_before_calibrating(folder, tmp_path):
