@@ -6,6 +6,7 @@ import io
 
 import numpy as np
 from rich.console import Console
+from scipy.optimize import brentq
 
 from schemas.result import Result
 from tests.benchmarks.honesty.scores import Score, score_session
@@ -57,6 +58,33 @@ def test_foot_balances_over_the_edge_that_lands_first():
     assert tip is not None
     # The foot's edge lies 4 mm inside the chamfer's, which takes the tip over.
     np.testing.assert_allclose(tip.line[0], 0.045 - 3e-4, atol=1e-4)
+
+
+def test_body_that_falls_at_rest_is_not_struck():
+    made = specimen("hammer", 1)
+    # The head's weight is not over the handle's end, 30 mm wide, on which the handle would stand.
+    assert made.com[0] > -0.012
+    assert true_tip(made, np.diag([-1.0, -1.0, 1.0]), np.zeros(2)) is None
+    assert true_tip(made, np.diag([1.0, -1.0, -1.0]), np.zeros(2)) is not None
+
+
+def test_edge_with_unlike_ends_rests_on_both_while_it_tips():
+    made = specimen("mixed", 0)
+    up, along = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    tip = true_tip(made, np.stack([np.cross(along, up), along, up]), np.zeros(2))
+    assert tip is not None
+    # It rolls until both ends touch the table; balance is then the maximum of c's height.
+    ahead = np.cross(along, up)
+    ends = [int(np.argmax(made.body.centres @ (side * along - up + ahead))) for side in (-1, 1)]
+
+    def heights(roll, theta):
+        normal = np.cos(roll) * (np.cos(theta) * up - np.sin(theta) * ahead) + np.sin(roll) * along
+        return normal @ made.com - (made.body.centres[ends] @ normal - made.body.radii[ends])
+
+    theta = tip.phi + np.radians(np.linspace(-1, 1, 21))
+    rolls = [brentq(lambda roll, at=at: np.diff(heights(roll, at))[0], -0.01, 0.01) for at in theta]
+    curve = np.polyfit(theta - tip.phi, [heights(*each)[0] for each in zip(rolls, theta, strict=True)], 2)
+    assert abs(np.degrees(curve[1] / (2 * curve[0]))) < 0.01
 
 
 def test_half_widths_off_count_from_the_middle_of_the_interval():

@@ -1,7 +1,9 @@
 """True balance of a body that stands on its contact spheres: angle, rate constant and line of contact.
 
-Nothing of the estimators is used: the body is turned in small steps, and the sphere that carries it is the
-lowest one. Frames: O (object), W (world, z along the table's normal, the body tips towards +x).
+Nothing of the estimators is used: the body is turned in small steps, and carried by the lowest sphere on
+either side of c. These are the ends of an edge; if their radii differ, the body rolls aside by some tenths of
+a degree to stand on both. Frames: O (object), W (world, z along the table's normal, the body tips towards
++x).
 """
 
 from __future__ import annotations
@@ -16,6 +18,10 @@ from tests.benchmarks.honesty.bodies import Specimen
 G = 9.80665
 STEP = math.radians(0.02)
 MAX_ANGLE = math.radians(88)
+MAX_SIDE_ROLL = math.radians(1)
+"""roll that a body takes at once, to stand on both ends of an edge; round bodies roll on along their rim"""
+HEADINGS = 24
+"""directions towards which a body at rest must not fall"""
 
 
 @dataclass(frozen=True)
@@ -46,25 +52,77 @@ def gravity_direction(tilt: tuple[float, float] | np.ndarray) -> np.ndarray:
     return down / np.linalg.norm(down)
 
 
-def true_tip(specimen: Specimen, R_world_object: np.ndarray, tilt: np.ndarray) -> TrueTip | None:
-    """True balance of a specimen that tips towards W's +x; None if it falls at once or never balances.
+def stands(specimen: Specimen, R_world_object: np.ndarray, tilt: np.ndarray) -> bool:
+    """True if a specimen at rest falls to no side: c is over the spheres that carry it, on the tilted table.
 
     Args:
         specimen: the body with its masses.
         R_world_object: (3, 3) true rest pose.
         tilt: (2,) tilt of the table towards x and y [rad].
     """
+    centres, com = specimen.body.centres @ R_world_object.T, R_world_object @ specimen.com
+    heading = 2 * np.pi * np.arange(HEADINGS) / HEADINGS
+    towards = np.stack([np.cos(heading), np.sin(heading)])
+    height = centres[:, 2:] - specimen.body.radii[:, None]
+    carrier = np.argmin(height - STEP * (centres[:, :2] @ towards), axis=0)
+    down = gravity_direction(tilt)
+    foot = com[:2] - (com[2] - height.min()) * down[:2] / down[2]
+    ahead = foot @ towards - np.sum(centres[carrier, :2] * towards.T, axis=1)
+    return bool(np.all(ahead < 0))
+
+
+@dataclass(frozen=True)
+class _Carriers:
+    """Spheres that carry a body while it tips, per angle (t,): one on either side of c."""
+
+    first: np.ndarray
+    second: np.ndarray
+    share: np.ndarray
+    """share of the second one in the line that carries c"""
+
+    def at(self, values: np.ndarray) -> np.ndarray:
+        """Values (t,) under c, on the line between the two, from those of all spheres (t, n) or (n,)."""
+        table = np.broadcast_to(values, (len(self.share), values.shape[-1]))
+        rows = np.arange(len(table))
+        return (1 - self.share) * table[rows, self.first] + self.share * table[rows, self.second]
+
+
+def _carriers(across: np.ndarray, com_across: float, height: np.ndarray) -> _Carriers:
+    """Carriers by the places (n,) [m] of the spheres along the edge, that of c, and their heights (t, n)."""
+    lowest = np.argmin(height, axis=1)
+    alone = _Carriers(lowest, lowest, np.zeros(len(lowest)))
+    before, beyond = np.flatnonzero(across <= com_across), np.flatnonzero(across > com_across)
+    if not len(before) or not len(beyond):
+        return alone
+    first = before[np.argmin(height[:, before], axis=1)]
+    second = beyond[np.argmin(height[:, beyond], axis=1)]
+    apart, rows = across[second] - across[first], np.arange(len(height))
+    if np.abs((height[rows, second] - height[rows, first]) / apart).max() > MAX_SIDE_ROLL:
+        return alone
+    return _Carriers(first, second, (com_across - across[first]) / apart)
+
+
+def true_tip(specimen: Specimen, R_world_object: np.ndarray, tilt: np.ndarray) -> TrueTip | None:
+    """True balance of a specimen that tips towards W's +x; None if it does not stand or never balances.
+
+    Args:
+        specimen: the body with its masses.
+        R_world_object: (3, 3) true rest pose.
+        tilt: (2,) tilt of the table towards x and y [rad].
+    """
+    if not stands(specimen, R_world_object, tilt):
+        return None
     body = specimen.body
-    centres, com = body.centres @ R_world_object[[0, 2]].T, R_world_object[[0, 2]] @ specimen.com
+    centres, com = body.centres @ R_world_object.T, R_world_object @ specimen.com
     down = gravity_direction(tilt)
     lean = down[0] / down[2]
     theta = np.arange(STEP, MAX_ANGLE, STEP)
     cos, sin = np.cos(theta)[:, None], np.sin(theta)[:, None]
-    height = -centres[:, 0] * sin + centres[:, 1] * cos - body.radii
-    lowest = np.argmin(height, axis=1)
-    contact_x = (centres[lowest, 0] * cos[:, 0]) + centres[lowest, 1] * sin[:, 0]
-    com_x, com_z = com[0] * cos[:, 0] + com[1] * sin[:, 0], -com[0] * sin[:, 0] + com[1] * cos[:, 0]
-    level = com_z - height.min(axis=1)
+    height = -centres[:, 0] * sin + centres[:, 2] * cos - body.radii
+    carriers = _carriers(centres[:, 1], com[1], height)
+    contact_x = carriers.at(centres[:, 0]) * cos[:, 0] + carriers.at(centres[:, 2]) * sin[:, 0]
+    com_x, com_z = com[0] * cos[:, 0] + com[2] * sin[:, 0], -com[0] * sin[:, 0] + com[2] * cos[:, 0]
+    level = com_z - carriers.at(height)
     ahead = com_x - contact_x - level * lean
     over = np.flatnonzero(ahead >= 0)
     if not len(over) or over[0] == 0:
@@ -72,11 +130,14 @@ def true_tip(specimen: Specimen, R_world_object: np.ndarray, tilt: np.ndarray) -
     at = int(over[0])
     share = -ahead[at - 1] / (ahead[at] - ahead[at - 1])
     phi = float(theta[at - 1] + STEP * share)
-    line, radius = body.centres[lowest[at]], float(body.radii[lowest[at]])
-    direction = R_world_object[1]
+    line = np.array([carriers.at(axis)[at] for axis in body.centres.T])
+    radius, direction = float(carriers.at(body.radii)[at]), R_world_object[1]
+    ends = body.centres[[carriers.first[at], carriers.second[at]]]
+    if np.any(ends[0] != ends[1]):
+        direction = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
     i_com = float(direction @ specimen.inertia @ direction)
-    arm = com - centres[lowest[at]]
-    R = float(np.hypot(*arm))
+    arm = specimen.com - line
+    R = float(np.linalg.norm(arm - direction * (arm @ direction)))
     mass = float(specimen.masses.sum())
     i_edge = i_com + mass * (R + radius) ** 2
     rise = float(level[at] - level[0] + lean * (com_x[at] - com_x[0]))
