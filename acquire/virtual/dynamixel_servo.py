@@ -284,7 +284,8 @@ class DynamixelServo:
         """Execute a packet received at `now_ns` (host monotonic), and return the bytes of the servo's answer.
 
         Empty if the servo does not answer: to a sync write, a packet for another servo, an answer of another
-        servo, a damaged packet or a write for all servos, or as the register Status Return Level demands.
+        servo, a packet for all servos other than an intact ping, or as the register Status Return Level
+        demands.
         """
         if packet.instruction == Instruction.SYNC_WRITE:
             if packet.intact and len(packet.parameters) >= 4:

@@ -88,7 +88,8 @@ def running_process(name: str, folder: Path, module: str, *arguments: str) -> It
         *arguments: its command line.
 
     Raises:
-        AcquireError: the process ended before it was ready; the message holds its last line of output.
+        AcquireError: the process ended before it was ready; the message holds the last line of its standard
+            error, or its exit code if there is none.
         KeyboardInterrupt: a signal arrived while the process was started.
     """
     error_path = folder / f"{name}.err"

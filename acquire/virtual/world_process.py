@@ -2,8 +2,9 @@
 
 `python -m acquire.virtual.world_process --object carton --seed 1 --dir RUN` creates in RUN: `ttyDXL` (the
 servo's serial port), `pose.ring` (poses for the camera process), `world.sock` (control socket: place and push
-the object, read the state, quit) and `truth.bin` (true poses and contacts). Prints one JSON line when it is
-ready. Ends on SIGTERM, on SIGINT, on the request "quit" and when its parent ends.
+the object, read the state, unplug or overload the servo, complete the truth file, quit) and `truth.bin` (true
+poses and contacts). Prints one JSON line when it is ready. Ends on SIGTERM, on SIGINT, on the request "quit"
+and when its parent ends.
 """
 
 from __future__ import annotations

@@ -30,7 +30,8 @@ def resolve_inputs(inputs: Sequence[Path]) -> list[Path]:
     match.
 
     Raises:
-        CalibrationError: a file does not exist, a pattern matches none, or a folder contains no image.
+        CalibrationError: a file does not exist, a pattern matches no such file, or a folder contains no
+            image.
     """
     found: list[Path] = []
     for given in inputs:
@@ -56,9 +57,15 @@ def resolve_inputs(inputs: Sequence[Path]) -> list[Path]:
                 fitting = []
             if not fitting:
                 raise CalibrationError(f"{given}: no such file or folder: check the path")
-            found += [
+            readable = [
                 path for path in fitting if path.suffix.lower() in (*IMAGE_SUFFIXES, *VIDEOS, RECORDING)
             ]
+            if not readable:
+                raise CalibrationError(
+                    f"{given}: matches no image, video or recording, only such as {fitting[0].name}: name "
+                    "the images of the board"
+                )
+            found += readable
     return list(dict.fromkeys(found))
 
 

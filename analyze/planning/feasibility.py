@@ -170,8 +170,9 @@ def simulate_tips(cases: Sequence[StrikeCase], gravity: float, most_slip: float 
     F = -mu*N*sign u. A body that is pushed too little to rise stays on its whole face.
 
     Out of that plane, the moments about x and z through the contact must be M_x = I_xy*theta'' +
-    I_zy*theta'^2 + m*g*y_c and M_z = I_zy*theta'' - I_xy*theta'^2, with I_xy and I_zy entries of the inertia
-    tensor. The edge's two ends, at y1 and y2, share them: y1*N1 + y2*N2 = M_x, y1*F1 + y2*F2 = -M_z.
+    I_zy*theta'^2 + m*g*y_c and M_z = I_zy*theta'' - I_xy*theta'^2, with I_xy and I_zy entries of the turned
+    body's inertia tensor about the contact. The edge's two ends, at y1 and y2, share them: y1*N1 + y2*N2 =
+    M_x, y1*F1 + y2*F2 = -M_z.
 
     A case ends at balance, where it rocks back or the edge leaves the table, and after `MAX_FREE_TIME`.
 
@@ -350,8 +351,8 @@ class _Bodies:
     ) -> None:
         """Update the yaw rates, in place, where the friction at the edge's ends cannot prevent yaw.
 
-        They are kept in the object, (n,) [rad/s] about the vertical for n simulated strikes. The yaw does not
-        act back on the motion in the plane across the edge.
+        They are the bodies' angular rates (n,) [rad/s] about the vertical in n simulated strikes
+        (`_yaw_rate`). The yaw does not act back on the motion in the plane across the edge.
 
         Args:
             dt: (n,) time steps [s].

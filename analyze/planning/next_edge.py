@@ -45,8 +45,9 @@ def with_next_edge(model: ObjectModel, axis: PivotAxis, region: Region) -> Pivot
     """Copy of a pivot axis that states the edge which takes over from it as the object tips.
 
     Edges nearer than a small shift count as the same edge; the sd of the axis's place is enlarged by that
-    shift. Two kinds of axis are returned as they are: one on a curved flank, which rolls, as its contact
-    moves by the flank's shape; and one whose balance angle is too large for a strike.
+    shift. Returned as they are: an axis on a curved flank or with a moulded rounding, on which the object
+    rolls; one whose balance angle is too large for a strike (`MAX_PHI`); and any axis if the shape has no
+    area across it.
 
     Args:
         model: Shape of the object.

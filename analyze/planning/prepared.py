@@ -89,8 +89,8 @@ def prepare_object(
         given: Earlier result of the object, None if there is none.
 
     Returns:
-        The object with its usable axes, perhaps none, the Fisher information that strikes on them give about
-        c and the inertia, and the rejections of the other axes and faces.
+        The object with its usable axes, perhaps none, the Fisher information about c and the inertia that
+        strikes on them give, and the rejections of the other axes and faces.
 
     Raises:
         PlanError: a strike in `given` is on an axis that the object does not have.

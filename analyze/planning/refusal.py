@@ -20,11 +20,12 @@ MAX_BALL_SPREAD = 0.08
 MAX_ROUND_SPREAD = 0.08
 """Relative spread of the hull's widths across one direction below which the object is round about it."""
 MIN_FACE_SHARE = 0.02
-"""Fraction of the hull's area below which a face counts as a strip of a round flank."""
+"""Fraction of all faces' area up to which a face counts as a strip of a round flank, and of the surface up to
+which an unscanned part does not explain that no face can be stood on."""
 WIDTH_DIRECTIONS = 400
 """Number of directions in which widths are measured."""
 MIN_BARE_SHARE = 0.005
-"""Fraction of the surface below which a gap of the scan is not mentioned."""
+"""Fraction of the surface up to which an unscanned part is too small for the rest to be a part of a ball."""
 MIN_BALL_SHARE = 0.3
 """Fraction of a sphere that must be scanned to recognise it."""
 REMEDIES = {

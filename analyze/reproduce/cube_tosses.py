@@ -1,4 +1,4 @@
-"""Centre of mass c and inertia per mass of a real cube from 400 tosses; one file, as both ways share them.
+"""Centre of mass c and inertia per mass of a real cube, from 400 tosses onto a table.
 
 Data: ContactNets (Pfrommer, Halm and Posa 2020). The cube slides on every contact, so that a fit about a
 fixed pivot fails: this tests the moment balance (contact forces have no moment about the line of contact) on
@@ -39,6 +39,7 @@ CORNERS: Final = 0.5 * EDGE_M * np.array(list(product((-1.0, 1.0), repeat=3)))
 EDGE_SD_M: Final = 0.0005
 """1 sigma of the width [m], which the data do not state: half of its last printed digit."""
 MASS_KG: Final = 0.37
+"""Mass of the cube [kg]."""
 GRAVITY_M_S2: Final = 9.8017
 """Gravity [m/s^2] at 39.95 deg north, where the cube was tossed (International Gravity Formula 1980)."""
 AIR_DRAG: Final = 1.2 * 0.95 * 1.5 * EDGE_M**2 / (2 * MASS_KG)

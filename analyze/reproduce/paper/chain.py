@@ -37,8 +37,8 @@ class PaperAnswer:
     regions: PaperRegions | None
     """Masses of shell, upper and lower part; None without a solution.
 
-    There is none if no moment about an edge is known, or if no dividing plane and no I within dI gives three
-    positive masses with the right sum.
+    There is none if no moment about an edge is known, or if no dividing plane gives three positive masses
+    with the right sum, with any moment within 5 % of the measured one.
     """
 
 
@@ -72,10 +72,10 @@ def sign_change_fit(motion: TipMotion) -> MotionFit | None:
     """The fit of a strike by the paper's estimator, among those in its `motion`; None if it has none.
 
     The paper takes the tipping angle theta at which the angular acceleration is 0 as balance angle phi. None
-    also if the strike's verdict is not "good", for example if the object rocked back.
+    also if the strike's verdict is not "good", for example if the object rocked back or slid.
     """
-    tipped = motion.verdict is Verdict.GOOD  # a strike that rocked back never passed the balance
-    return next((fit for fit in motion.alternatives if tipped and fit.estimator == "sign_change"), None)
+    good = motion.verdict is Verdict.GOOD  # a strike that rocked back never passed the balance
+    return next((fit for fit in motion.alternatives if good and fit.estimator == "sign_change"), None)
 
 
 def _by_axis(estimate: Estimate) -> dict[str, list[_Struck]]:
@@ -127,17 +127,17 @@ def regions_at(
 
 
 def refuse_without_tips(estimate: Estimate, name: str) -> None:
-    """Refuse a session without a strike that tipped over: the paper's method has no angle then.
+    """Refuse a session without a strike of verdict "good": the paper's method has no angle then.
 
     Args:
         estimate: estimate of the session.
         name: name of the session, for the message.
 
     Raises:
-        EstimationError: no strike tipped over.
+        EstimationError: no strike tipped over without sliding, twisting or rolling on.
     """
     if not _by_axis(estimate):
         raise EstimationError(
-            f"{name}: no strike tipped over its edge, so the paper's method has no angle: record the session "
-            "again"
+            f"{name}: no strike tipped over its edge without sliding, twisting or rolling, so the paper's "
+            "method has no angle: record the session again"
         )

@@ -107,10 +107,10 @@ def _draw_phases(panels: Sequence[Axes], profile: Profile, seconds: Array) -> No
 
 
 def angles_figure(records: Sequence[SessionRecord]) -> Figure | None:
-    """Figure 9(a) of the paper: balance angle's error [deg] of each strike that tipped the carton over.
+    """Figure 9(a) of the paper: balance angle's error [deg] of each good strike on the carton.
 
-    The errors of our method and of the paper's are shown. None without such a strike in the sessions planned
-    by our method.
+    Good is the verdict on a tip without sliding, twisting or rolling. The errors of our method and of the
+    paper's are shown. None without such a strike in the sessions planned by our method.
     """
     angles = [
         angle

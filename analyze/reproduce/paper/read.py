@@ -27,7 +27,7 @@ def read_session(path: Path, progress: Progress = no_progress) -> SessionRecord:
         ShapeError: the object's shape cannot be used.
         PlanError: the plan is of another object.
         TrackingError: no marker can be tracked.
-        EstimationError: too few strikes can be used, or none tipped over.
+        EstimationError: too few strikes can be used, or none has verdict "good".
     """
     head = read_head(path)
     refuse_without_truth([path])

@@ -98,7 +98,7 @@ class Angle(Document):
     ours_sd_rad: float
     """Standard deviation that our estimate states [rad]."""
     paper_rad: float | None
-    """Angle at the sign change of the acceleration [rad]; None if the object did not tip over."""
+    """Angle at the sign change of the acceleration [rad]; None if the strike's verdict is not "good"."""
     frame_residual_rad: float = Field(description="rms of theta(t) minus its fit")
 
 

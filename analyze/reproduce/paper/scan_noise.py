@@ -52,7 +52,8 @@ def errors_over_scan_noise(
     Returns:
         Two lists with an entry per level: distance of c from the true one [m], and mean error of a region's
         mass over the total mass. A value is None if the scan cannot be used, or if it has the pivot edges of
-        too few strikes. The paper's are None too if no strike tipped over, or its method finds no masses.
+        too few strikes. The paper's are None too if no strike has verdict "good" (tipped over without
+        sliding, twisting or rolling), or its method finds no masses.
     """
     true = np.array(body.com_object)
     com, masses = [], []

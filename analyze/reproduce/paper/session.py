@@ -114,7 +114,7 @@ def session_record(
         Ground truth, estimates, and data of the figures.
 
     Raises:
-        EstimationError: too few strikes can be used, or none tipped over.
+        EstimationError: too few strikes can be used, or none has verdict "good".
     """
     name = evidence.spec.name
     rng = np.random.default_rng((body.seed, zlib.crc32(name.encode())))
@@ -276,8 +276,8 @@ def _paper_answer(answer: PaperAnswer, estimate: Estimate, body: pb.TruthBody) -
 def _angles(estimate: Estimate, body: pb.TruthBody) -> list[Angle]:
     """Balance angle [rad] of each strike used: ground truth, our estimate with its sd, and the paper's.
 
-    The paper's is None for a strike that did not tip the object over. The rms residual of the tipping angle
-    in the frames [rad] is given too.
+    The paper's is None for a strike whose verdict is not "good" (the object rocked back, slid, twisted or
+    rolled). The rms residual of the tipping angle in the frames [rad] is given too.
     """
     evidence = estimate.evidence
     by_id = {motion.strike_id: motion for motion in evidence.motions}
@@ -301,13 +301,13 @@ def _angles(estimate: Estimate, body: pb.TruthBody) -> list[Angle]:
 
 
 def _profile(estimate: Estimate, body: pb.TruthBody) -> Profile | None:
-    """Motion of the first strike that tipped over, for Fig. 6 of the paper.
+    """Motion of the first strike with verdict "good" (a clean tip), for Fig. 6 of the paper.
 
     It holds, per frame, time [s], tipping angle [rad], its first and second derivative (smoothed) [rad/s,
     rad/s^2]; the frame ranges of the phases; and the balance angle [rad] as fitted and as true. It ends
     `LANDING_FRAMES` frames after the last phase before the landing.
 
-    None if no strike tipped over, or if that strike has no tipping angle, phases or fit.
+    None if there is no such strike, or if it has no tipping angle, phases or fit.
     """
     motion = next((each for each in estimate.evidence.motions if each.verdict is Verdict.GOOD), None)
     if motion is None or motion.angle is None or motion.phases is None or motion.fit is None:

@@ -262,7 +262,8 @@ def _allowed(moments: Sequence[AxisMoment], fraction: float, length: float) -> f
 def _scatter(records: Iterable[SessionRecord]) -> list[float]:
     """Standard deviations [rad] of our balance angles' errors, one per axis and session.
 
-    Only strikes that tipped over count; axes with fewer than two are left out.
+    Only strikes with verdict "good" (tipped over without sliding, twisting or rolling) count; axes with fewer
+    than two are left out.
     """
     found: list[float] = []
     for record in records:
