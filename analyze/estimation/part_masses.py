@@ -254,13 +254,12 @@ def _probability_by_chance(rows: Array, residual: Array, masses: Array, most: Ar
 
 
 def _whitened(moments: MeasuredMoments, parts: Sequence[MassProperties], about: Array) -> tuple[Array, Array]:
-    """Design matrix (4 + a, n) and measurements (4 + a,) of the linear problem of n parts' masses.
+    """Whitened design matrix (4 + a, n) and measurements (4 + a,) of the linear problem of n parts' masses.
 
-    Both are multiplied by the matrix that makes the measurements' errors independent and of unit sd
-    (whitened); so the product of matrix and masses [kg] is compared with the measurements. Before that, a
-    column of the matrix is the contribution of a kilogram in one part, and the rows are the mass [kg], the
-    first moment (3) about the measured centre of mass [kg m], and the moments of inertia about the
-    directions of the a measured axes through `about` [kg m^2].
+    The matrix times the masses [kg] is to equal the measurements. Its rows are the mass [kg], the first
+    moment (3) about the measured centre of mass [kg m], and the moments of inertia about the a measured axes
+    through `about` [kg m^2]; a column is what a kilogram of one part contributes. Both results are multiplied
+    by the matrix that makes the measurements' errors independent and of unit sd.
 
     The moments of inertia were measured about the true centre of mass; `about` should be close to it. For a
     slender body the measured centre of mass is not close enough: the square of its error along the body,

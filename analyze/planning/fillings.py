@@ -43,7 +43,7 @@ class Pieces:
     interior: Array
     """(n,) volumes in the interior [m^3]; 0 for pieces of the shell."""
     own_inertia: Array
-    """(n,) moment of inertia of each piece about its own centroid, per kilogram [m^2]."""
+    """(n,) moment of inertia of each piece about any axis through its own centroid, per kilogram [m^2]."""
     pitch: float
     """Edge of the cubes that the pieces were cut from [m]."""
 

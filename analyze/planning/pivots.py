@@ -46,8 +46,8 @@ class NextEdge:
     """Largest factor by which Q can be scaled about its centre and the planned edge still carry at balance,
     for every centre of mass in Q; negative if it does not carry for the centre itself."""
     carrier: SupportLine | None = None
-    """Line that carries at balance instead of the planned edge, for c in the middle part of Q; None if there
-    is none, or if its place is too near the planned edge's to be measured."""
+    """Line that carries at balance instead of the planned edge, wherever the centre of mass is in the middle
+    part of Q; None if there is none, or if it is too near the planned edge to be distinguished from it."""
     carrier_firmness: float = -1.0
     """Largest factor by which Q can be scaled about its centre and that line carry at balance."""
 
