@@ -209,7 +209,7 @@ def _planar(view: ObservedView, lens: Lens) -> list[Pose]:
 
 
 def _misfit(view: ObservedView, lens: Lens, pose: Pose) -> float:
-    """Sum of squared distances [px^2] between a view's observed and predicted corners, as in the image.
+    """Sum of squared distances [raw px^2] between a view's observed and predicted corners.
 
     The corners are predicted with `lens` (including its distortion) and the board's pose `pose`.
     """
