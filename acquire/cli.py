@@ -18,14 +18,14 @@ from typing import Any
 import click
 
 from acquire.errors import AcquireError, CameraNotFound, DaemonSilent
-from schemas.command_line import Commands, NumberRange, one_line_errors
+from schemas.command_line import Commands, NumberRange, one_line_errors, version_option
 
 _one_line_errors = one_line_errors("acquire", AcquireError)
 _SOCKET_HELP = "Rig file that names the daemon's socket"
 
 
 @click.group("acquire", cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(package_name="percuss")
+@version_option("acquire")
 def main() -> None:
     """Drive the rig: strike the object, film it, record everything."""
 

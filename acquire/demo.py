@@ -30,6 +30,7 @@ from acquire.virtual.objects import VirtualObject, load_object
 from acquire.virtual.operator import VirtualOperator
 from acquire.virtual.operator_link import OperatorLink
 from acquire.virtual.processes import interruptible, running_process
+from acquire.virtual.requirements import refuse_missing_libraries
 from acquire.virtual.station import calibration_sheet
 from acquire.virtual.truth import merge_truth
 
@@ -110,9 +111,10 @@ def run_demo(
 
     Raises:
         ConfigError: the address is not a loopback address.
-        AcquireError: the session failed; the rig is taken down in any case.
+        AcquireError: a library is missing, or the session failed; the rig is taken down in any case.
     """
     _refuse_other_address(address)
+    refuse_missing_libraries()
     _remove_leftovers(Path(tempfile.gettempdir()))
     folder = Path(tempfile.mkdtemp(prefix=f"{_FOLDER}{os.getpid()}-"))
     truth_path = folder / "kept-truth.bin"

@@ -27,11 +27,11 @@ from analyze.verbs.report import report
 from analyze.verbs.reproduce import reproduce
 from analyze.verbs.score import score
 from analyze.verbs.watch.command import watch
-from schemas.command_line import Commands
+from schemas.command_line import Commands, version_option
 
 
 @click.group("analyze", cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(package_name="percuss")
+@version_option("analyze")
 def main() -> None:
     """Plan strikes; turn recordings into centre of mass, inertia and region masses."""
     # One thread for the linear algebra: the matrices are small, and results must not depend on the number of

@@ -12,12 +12,14 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import wraps
+from importlib.metadata import version
 from typing import IO, Any, NoReturn, ParamSpec, TypeVar
 
 import click
 
 from schemas.document import DocumentError
 from schemas.output_file import OutputError
+from schemas.software import software_commit
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -42,6 +44,29 @@ class NumberRange(click.FloatRange):
         if math.isnan(number):
             self.fail(f"{value} is not a number.", param, ctx)
         return number
+
+
+def version_option(command: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Decorator of a command that adds `--version`, which prints command, product, version and git commit.
+
+    Args:
+        command: "acquire" or "analyze".
+    """
+
+    def show(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
+        if not asked or ctx.resilient_parsing:
+            return
+        click.echo(f"{command} (Percuss) {version('percuss')}, commit {software_commit() or 'unknown'}")
+        ctx.exit()
+
+    return click.option(
+        "--version",
+        is_flag=True,
+        expose_value=False,
+        is_eager=True,
+        callback=show,
+        help="Show the version and exit.",
+    )
 
 
 class WrongUsage(click.UsageError):

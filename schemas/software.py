@@ -1,4 +1,4 @@
-"""Version of this program, with the git commit if it runs from a checkout."""
+"""Version of this program, with the git commit that it runs from or was built from."""
 
 from __future__ import annotations
 
@@ -9,21 +9,49 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 _ROOT = Path(__file__).resolve().parent.parent
+BUILT_COMMIT = "built_commit.txt"
+"""file beside this module, written into wheels and source archives (hatch_build.py): the commit they hold"""
 
 
 @cache
 def software_version() -> str:
     """Name and version of this program, for example `percuss 0.1.0`.
 
-    In a git checkout the commit follows, `percuss 0.1.0+0123456789ab`, with `-dirty` if tracked files are
+    If the commit is known it follows, `percuss 0.1.0+0123456789ab`, with `-dirty` if tracked files were
     changed. Without an installed package the version is left out.
     """
     try:
         name = f"percuss {version('percuss')}"
     except PackageNotFoundError:
         name = "percuss"
-    found = commit(_ROOT)
+    found = software_commit()
     return f"{name}+{found}" if found else name
+
+
+def extra_command(extra: str) -> str:
+    """Command that installs an extra of this package, from its folder: it is on no package index.
+
+    Args:
+        extra: name in pyproject.toml, for example "export".
+    """
+    return f"pip install '.[{extra}]' in the project's folder"
+
+
+def software_commit() -> str:
+    """Git commit of this program: of its checkout, or the one from which the installed package was built.
+
+    Returns:
+        12 or more hexadecimal digits, with `-dirty` if tracked files were changed; "" if it is unknown.
+    """
+    return commit(_ROOT) or built_commit(_ROOT)
+
+
+def built_commit(root: Path) -> str:
+    """Git commit from which the package or source archive in `root` was built; "" if it states none."""
+    try:
+        return (root / "schemas" / BUILT_COMMIT).read_text(encoding="ascii").strip()
+    except OSError:
+        return ""
 
 
 def commit(root: Path) -> str:

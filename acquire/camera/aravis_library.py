@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from acquire.camera.base import CameraInfo
 from acquire.camera.discovery import identify_camera
 from acquire.errors import CameraError
+from schemas.software import extra_command
 
 if TYPE_CHECKING:
     from acquire.frames.buffer_pool import BufferPool
@@ -36,7 +37,7 @@ def aravis_and_glib() -> tuple[Any, Any]:
     except (ImportError, ValueError) as error:
         raise CameraError(
             f"Aravis cannot be loaded ({error}): "
-            "install Debian's gir1.2-aravis-0.8 and the extra percuss[rig]"
+            f"install Debian's gir1.2-aravis-0.8, then {extra_command('rig')}"
         ) from None
     return Aravis, GLib
 

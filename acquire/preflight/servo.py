@@ -18,6 +18,7 @@ from acquire.preflight.check import (
     passed_check,
     skipped_check,
 )
+from schemas.software import extra_command
 
 if TYPE_CHECKING:
     from acquire.clock.clock import Clock
@@ -64,7 +65,7 @@ def read_servo(config: StrikerConfig, clock: Clock) -> ServoState:
         from acquire.striker.servo import hardware_error_text
     except ImportError as error:
         raise StrikerError(
-            f"{config.port}: the servo's library is missing ({error}): install percuss[rig]"
+            f"{config.port}: the servo's library is missing ({error}): {extra_command('rig')}"
         ) from None
 
     bus = ServoBus(config.port, config.baud_rate, config.id, clock)

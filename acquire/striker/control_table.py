@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from schemas.software import extra_command
+
 MODEL_FILES = {1020: "xm430_w350.model", 1030: "xm430_w210.model"}
 """vendor's file by model number; XL430 is left out because it has no current register, so neither a current
 limit nor operating mode 5 (current-based position)"""
@@ -78,7 +80,7 @@ def control_table(model: int) -> dict[str, Register]:
     # Located, not imported: the motor class of dynamixel_easy_sdk fails on an ALERT status.
     spec = importlib.util.find_spec("dynamixel_easy_sdk")
     if spec is None or spec.origin is None:
-        raise ModuleNotFoundError("dynamixel-sdk is not installed: pip install 'percuss[rig]'")
+        raise ModuleNotFoundError(f"dynamixel-sdk is not installed: {extra_command('rig')}")
     path = Path(spec.origin).parent / "control_table" / MODEL_FILES[model]
     lines = path.read_text(encoding="utf-8").splitlines()
     rows = (line.split("\t") for line in lines[lines.index("[control table]") + 2 :] if line.strip())

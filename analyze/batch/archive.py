@@ -21,10 +21,10 @@ from fsspec.core import url_to_fs
 from fsspec.implementations.local import LocalFileSystem
 
 from analyze.errors import ArchiveError
+from schemas.software import extra_command
 
 SUFFIX, PART_SUFFIX = ".mcap", ".mcap.part"
 NUMBERED_NAME = re.compile(r"(?P<stem>.+)-(?P<number>\d{4,})\.mcap")
-PACKAGE_OF_PROTOCOL = {"s3": "percuss[s3]"}
 
 
 @dataclass(frozen=True)
@@ -178,10 +178,8 @@ def _file_system(place: str) -> tuple[fsspec.AbstractFileSystem, str]:
         return url_to_fs(place)
     except ImportError as error:
         protocol = place.split("://", 1)[0]
-        package = PACKAGE_OF_PROTOCOL.get(protocol, "the package named here")
-        raise ArchiveError(
-            f"{place}: {protocol}:// needs {package}: {' '.join(str(error).split())}"
-        ) from None
+        remedy = f": {extra_command('s3')}" if protocol == "s3" else ""
+        raise ArchiveError(f"{place}: {' '.join(str(error).split())}{remedy}") from None
     except ValueError as error:
         raise ArchiveError(
             f"{place}: {' '.join(str(error).split())}: give a path, or s3://bucket/folder"

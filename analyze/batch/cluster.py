@@ -18,6 +18,7 @@ from analyze.batch.settings import analysis_version
 from analyze.batch.worker_messages import DIED, Outcome, Request, write_failure
 from analyze.batch.worker_process import Limits, WorkerProcess
 from analyze.errors import ArchiveError
+from schemas.software import extra_command
 
 _CONNECT_TIMEOUT_S = 20
 _this_thread = threading.local()
@@ -47,7 +48,7 @@ def cluster_answers(
     try:
         from distributed import Client, as_completed
     except ImportError:
-        raise ArchiveError("--scheduler needs Dask distributed: install percuss[cluster]") from None
+        raise ArchiveError(f"--scheduler needs Dask distributed: {extra_command('cluster')}") from None
     try:
         client = Client(scheduler, timeout=_CONNECT_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:

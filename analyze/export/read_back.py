@@ -23,6 +23,7 @@ from analyze.errors import ExportError
 from analyze.export.body import Inertial
 from analyze.export.formats import Format
 from analyze.types import Array
+from schemas.software import extra_command
 
 Part = TypeVar("Part")
 
@@ -47,7 +48,7 @@ def refuse_without_reader(wanted: Format) -> None:
     if importlib.util.find_spec(module) is None:
         raise ExportError(
             f"every {wanted.value.upper()} file is read back after writing, but the package that reads it is "
-            f"missing: {package}: install it with pip install 'percuss[export]'"
+            f"missing: {package}: {extra_command('export')}"
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import subprocess
 import tomllib
 
 import yaml
@@ -38,3 +39,23 @@ def test_the_changelog_has_this_version():
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert re.findall(r"^## (.+)$", text, re.MULTILINE)[0] == "Unreleased"
     assert f"## {PROJECT['version']}" in text
+
+
+def test_nothing_that_is_ignored_is_in_the_repository():
+    """A tracked `.venv`, even a link, takes the place of the environment wherever it is checked out."""
+    tracked = ["git", "-C", str(ROOT), "ls-files", "--cached", "--ignored", "--exclude-standard"]
+    found = subprocess.run(tracked, capture_output=True, text=True, check=True).stdout.split()
+    assert not found
+
+
+def test_every_extra_that_is_named_exists_and_none_is_looked_for_on_an_index():
+    pages = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
+    sources = [
+        path for package in ("acquire", "analyze", "schemas") for path in (ROOT / package).rglob("*.py")
+    ]
+    text = "\n".join(path.read_text(encoding="utf-8") for path in pages + sources)
+    named = re.findall(r"install [^\n]*'\.\[([\w,]+)\]'|extra_command\([\"'](\w+)[\"']\)", text)
+    extras = {extra for pair in named for group in pair if group for extra in group.split(",")}
+    assert extras <= set(PROJECT["optional-dependencies"])
+    assert extras >= {"export", "s3", "cluster", "rig"}
+    assert "percuss[" not in text

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import re
+
 import click
 import pytest
+from click.testing import CliRunner
 
+import acquire.cli
+import analyze.cli
 from schemas.command_line import INTERRUPTED, PROBLEM, NumberRange, one_line_errors
 from schemas.document import DocumentError
 
@@ -93,3 +98,23 @@ def test_no_option_of_either_command_accepts_nan() -> None:
         "capture_fps",
     }
     assert all(isinstance(option.type, NumberRange) for option in floats)
+
+
+@pytest.mark.parametrize(("name", "command"), [("acquire", acquire.cli.main), ("analyze", analyze.cli.main)])
+def test_the_version_names_command_product_version_and_commit(name: str, command: click.Command) -> None:
+    shown = CliRunner().invoke(command, ["--version"])
+    assert shown.exit_code == 0
+    version = rf"{name} \(Percuss\) \d+\.\d+\.\d+, commit (unknown|[0-9a-f]{{12,}}(-dirty)?)\n"
+    assert re.fullmatch(version, shown.output)
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+@pytest.mark.parametrize(("name", "command"), [("acquire", acquire.cli.main), ("analyze", analyze.cli.main)])
+def test_the_shell_completes_verbs_and_options(name: str, command: click.Command, shell: str) -> None:
+    variable = f"_{name.upper()}_COMPLETE"
+    verb, option = ("estimate", "--exclude") if name == "analyze" else ("demo", "--seed")
+    for words, wanted in ((f"{name} {verb[:3]}", verb), (f"{name} {verb} {option[:5]}", option)):
+        typed = words.split()[-1] if shell == "fish" else str(len(words.split()) - 1)
+        environment = {variable: f"{shell}_complete", "COMP_WORDS": words, "COMP_CWORD": typed}
+        shown = CliRunner().invoke(command, prog_name=name, env=environment)
+        assert re.search(rf"(^|[,\n]){wanted}\b", shown.output), shown.output

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
+import zipfile
 from pathlib import Path
 
 import pytest
+from hatchling.builders.sdist import SdistBuilder
+from hatchling.builders.wheel import WheelBuilder
 
-from schemas.software import commit, software_version
+from schemas.software import BUILT_COMMIT, built_commit, commit, software_version
+from tests.places import ROOT
 
 
 def git(folder: Path, *arguments: str) -> str:
@@ -55,3 +60,49 @@ def test_an_empty_checkout_has_no_commit(tmp_path: Path) -> None:
 
 def test_version_comes_first() -> None:
     assert software_version().startswith("percuss ")
+
+
+@pytest.fixture
+def source(checkout: Path) -> Path:
+    """A checkout that builds as the project does, with a module of each package."""
+    for name in ("pyproject.toml", "hatch_build.py", "README.md", "LICENSE", "schemas/software.py"):
+        (checkout / name).parent.mkdir(exist_ok=True)
+        shutil.copy(ROOT / name, checkout / name)
+    for name in ("acquire", "analyze"):
+        (checkout / name).mkdir()
+        (checkout / name / "__init__.py").touch()
+    git(checkout, "add", ".")
+    git(checkout, "commit", "-q", "-m", "source")
+    return checkout
+
+
+def built(source: Path, kind: str, folder: Path) -> Path:
+    """Root of the installed wheel that is built from `source`."""
+    (wheel,) = WheelBuilder(str(source)).build(directory=str(folder), versions=[kind])
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(folder / kind)
+    return folder / kind
+
+
+def test_a_wheel_names_the_commit_it_was_built_from(source: Path, tmp_path_factory) -> None:
+    folder = tmp_path_factory.mktemp("wheel")
+    installed = built(source, "standard", folder)
+    assert built_commit(installed) == git(source, "rev-parse", "HEAD")[:12]
+    (source / "LICENSE").write_text("changed", encoding="utf-8")
+    assert built_commit(built(source, "standard", folder)) == commit(source)
+    assert commit(source).endswith("-dirty")
+
+
+def test_a_wheel_from_a_source_archive_names_its_commit(source: Path, tmp_path_factory) -> None:
+    folder = tmp_path_factory.mktemp("archive")
+    (archive,) = SdistBuilder(str(source)).build(directory=str(folder))
+    shutil.unpack_archive(archive, folder, filter="data")
+    (unpacked,) = (path for path in folder.iterdir() if path.is_dir())
+    assert not (unpacked / ".git").exists()
+    assert built_commit(built(unpacked, "standard", folder)) == commit(source)
+
+
+def test_an_editable_wheel_states_no_commit_which_would_grow_old(source: Path, tmp_path_factory) -> None:
+    installed = built(source, "editable", tmp_path_factory.mktemp("editable"))
+    assert not list(installed.rglob(BUILT_COMMIT))
+    assert built_commit(source) == ""

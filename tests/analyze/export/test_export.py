@@ -245,7 +245,7 @@ def test_output_must_not_replace_the_recording(tmp_path):
 def test_missing_reader_is_one_line_before_the_estimate(monkeypatch, tmp_path):
     monkeypatch.setitem(readers.READERS, Format.SDF, ("no_such_module", "rod"))
     error = line_of("export", SAMPLE, "--format", "sdf", "-o", tmp_path / "a.sdf")
-    assert "rod: install it with pip install 'percuss[export]'" in error
+    assert "rod: pip install '.[export]' in the project's folder" in error
 
 
 def test_scanned_mesh_is_written_beside_the_file(answered, tmp_path):
