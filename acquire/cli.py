@@ -55,14 +55,13 @@ def discover(as_json: bool) -> None:
 @_one_line_errors
 def check(rig: Path, as_json: bool) -> None:
     """Check camera, striker, computer and disk before a session with RIG. Exits with 1 if a check fails."""
-    from rich.console import Console
-
     from acquire.preflight.check import Outcome
     from acquire.preflight.picture import CheckPicture
     from acquire.preflight.session import check_rig, real_probes
+    from schemas.terminal import Terminal
 
     _end_as_on_ctrl_c()  # the processes it started end, its temporary files are removed
-    console = Console(highlight=False)
+    console = Terminal()
     picture = CheckPicture(console) if console.is_terminal and not as_json else None
     checks, began = [], time.monotonic()
     for line in check_rig(rig, real_probes()):

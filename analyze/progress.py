@@ -23,14 +23,15 @@ class ProgressBar(ExitStack):
     def __init__(self) -> None:
         super().__init__()
         # Imported here: the callback's type is used by modules that draw nothing.
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+        from rich.progress import BarColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
 
-        console = Console(stderr=True)
+        from schemas.terminal import PlainTextColumn, Terminal
+
+        console = Terminal(stderr=True)
         progress = Progress(
-            TextColumn("{task.description}"),
+            PlainTextColumn("{task.description}"),
             BarColumn(bar_width=32),
-            TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+            PlainTextColumn("{task.completed:.0f}/{task.total:.0f}"),
             TimeElapsedColumn(),
             TimeRemainingColumn(),
             console=console,

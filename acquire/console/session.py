@@ -7,11 +7,11 @@ import sys
 import threading
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TimeElapsedColumn
 
 from acquire.daemon.client import DaemonClient
 from acquire.errors import AcquireError
+from schemas.terminal import PlainTextColumn, Terminal
 
 
 class SessionProgress(Progress):
@@ -22,12 +22,12 @@ class SessionProgress(Progress):
     """
 
     def __init__(self) -> None:
-        console = Console(stderr=True)
+        console = Terminal(stderr=True)
         super().__init__(
-            TextColumn("{task.completed:.0f}/{task.total:.0f} strikes"),
+            PlainTextColumn("{task.completed:.0f}/{task.total:.0f} strikes"),
             BarColumn(bar_width=24),
             TimeElapsedColumn(),
-            TextColumn("{task.description}"),
+            PlainTextColumn("{task.description}"),
             console=console,
             disable=not console.is_terminal,
         )
@@ -50,7 +50,7 @@ class SessionProgress(Progress):
 
     def print_line(self, text: str) -> None:
         """Print a line of text above the progress line."""
-        self.console.print(text, highlight=False, soft_wrap=True)
+        self.console.print(text, soft_wrap=True)
 
     def ask(self, text: str) -> str:
         """Ask the operator a question and return the line that was typed; the progress line pauses meanwhile.
@@ -59,7 +59,7 @@ class SessionProgress(Progress):
             A line of standard input with its line end; "" if standard input has ended.
         """
         self.stop()
-        self.console.print(text, highlight=False)
+        self.console.print(text)
         answer = sys.stdin.readline()
         self.start()
         return answer

@@ -7,7 +7,6 @@ from dataclasses import asdict
 from pathlib import Path
 
 import click
-from rich.console import Console
 from rich.table import Table
 
 from acquire.config import read_rig
@@ -24,6 +23,7 @@ from acquire.striker.calibration import (
 )
 from schemas.document import DocumentError
 from schemas.strike_plan import read_strike_plan
+from schemas.terminal import Terminal
 
 NOTABLE_RATIO_ERROR = 0.02
 """relative difference of reached and commanded tip speed above which advice is printed"""
@@ -179,7 +179,7 @@ def _print_swing_ratio(swings: list[MeasuredSwing], ratio: SwingRatio) -> None:
         each = swing_ratio(at_speed)
         reached = f"{each.mean * command:.4f} ± {each.mean_sd * command:.4f}"
         table.add_row(f"{command:.3f}", reached, f"{each.mean:.4f}", str(len(at_speed)))
-    Console().print(table)
+    Terminal().print(table)
     click.echo(
         f"reached / commanded speed: {ratio.mean:.4f} ± {ratio.mean_sd:.4f}, "
         f"scatter between swings {ratio.scatter:.4f}"

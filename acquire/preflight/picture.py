@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING
 
-from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 
 from acquire.preflight.check import Check, Outcome
+from schemas.terminal import styled
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
+
+    from schemas.terminal import Terminal
 
 GROUPS = {
     "rig file": "rig",
@@ -24,9 +25,9 @@ GROUPS = {
 }
 """heading of the group that begins with this check"""
 MARKS = {
-    Outcome.PASS: Text("\u2713", "green"),
-    Outcome.FAIL: Text("\u2717", "bold red"),
-    Outcome.NOT_CHECKED: Text("\u2013", "dim"),
+    Outcome.PASS: styled(("\u2713", "green")),
+    Outcome.FAIL: styled(("\u2717", "bold red")),
+    Outcome.NOT_CHECKED: styled(("\u2013", "dim")),
 }
 NAME_WIDTH = 17
 
@@ -34,7 +35,7 @@ NAME_WIDTH = 17
 class CheckPicture:
     """Printer of checks on a terminal, one by one as they finish, with a summary at the end."""
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: Terminal) -> None:
         self._console = console
         self._group = ""
         self._outcomes: Counter[Outcome] = Counter()
@@ -44,7 +45,7 @@ class CheckPicture:
         """Print one check with its remedy; a heading goes before it where a new group of checks begins."""
         group = GROUPS.get(check.name, self._group)
         if group != self._group:
-            self._console.print(Text(f"\n{group}" if self._group else group, "bold"))
+            self._console.print(styled((f"\n{group}" if self._group else group, "bold")))
             self._group = group
         self._outcomes[check.outcome] += 1
         if check.outcome is Outcome.FAIL:
@@ -63,10 +64,10 @@ class CheckPicture:
             for outcome, word in words.items()
             if self._outcomes[outcome] or outcome is Outcome.PASS
         )
-        text = Text("\nready", "bold green")
+        state = ("\nready", "bold green")
         if self._failures:
-            text = Text(f"\nnot ready: {', '.join(self._failures)}", "bold red")
-        self._console.print(text.append(f"  ({counts}; {seconds:.0f} s)", "not bold default"))
+            state = (f"\nnot ready: {', '.join(self._failures)}", "bold red")
+        self._console.print(styled(state, f"  ({counts}; {seconds:.0f} s)"))
 
 
 def _line(check: Check) -> RenderableType:
@@ -75,13 +76,13 @@ def _line(check: Check) -> RenderableType:
     table.add_column(width=NAME_WIDTH, no_wrap=True)
     table.add_column(overflow="fold")
     found = (
-        Text(f"not checked: {check.found}", "dim")
+        styled((f"not checked: {check.found}", "dim"))
         if check.outcome is Outcome.NOT_CHECKED
-        else Text(check.found)
+        else check.found
     )
     table.add_row(
-        MARKS[check.outcome], Text(check.name, "bold" if check.outcome is Outcome.FAIL else ""), found
+        MARKS[check.outcome], styled((check.name, "bold" if check.outcome is Outcome.FAIL else "")), found
     )
     if check.remedy:
-        table.add_row("", "", Text(f"\u2192 {check.remedy}", "yellow"))
+        table.add_row("", "", styled((f"\u2192 {check.remedy}", "yellow")))
     return table

@@ -12,11 +12,11 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.csv as pc
 import pyarrow.parquet as pq
-from rich.console import Console
 from rich.table import Table
 
 from analyze.errors import ArchiveError
 from schemas.output_file import write_bytes
+from schemas.terminal import Terminal
 
 SIGNIFICANT_DIGITS = 6
 UNLIMITED_WIDTH = 10_000
@@ -47,9 +47,9 @@ def print_answer(answer: pa.Table, form: str) -> None:
     console.print(f"{answer.num_rows} {'row' if answer.num_rows == 1 else 'rows'}")
 
 
-def plain_console() -> Console:
+def plain_console() -> Terminal:
     """Console without markup; as wide as its terminal, or 10 000 columns where output is redirected."""
-    console = Console(highlight=False, markup=False, emoji=False)
+    console = Terminal()
     if not console.is_terminal:
         console.width = UNLIMITED_WIDTH
     return console

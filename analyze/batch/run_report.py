@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections import Counter
 from pathlib import Path
 
-from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
-    TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
 
 from analyze.batch.run import Report
 from analyze.batch.worker_messages import Outcome
+from schemas.terminal import PlainTextColumn, Terminal
 
 SPEED_PERIOD_S = 3600
 """period over which the rate is estimated [s].
@@ -33,16 +32,16 @@ class BatchProgress(Progress):
     """
 
     def __init__(self, total: int) -> None:
-        console = Console(stderr=True)
+        console = Terminal(stderr=True)
         super().__init__(
-            TextColumn("{task.description}"),
+            PlainTextColumn("{task.description}"),
             BarColumn(bar_width=28),
             MofNCompleteColumn(),
-            TextColumn("{task.fields[rate]}"),
+            PlainTextColumn("{task.fields[rate]}"),
             TimeElapsedColumn(),
-            TextColumn("left"),
+            PlainTextColumn("left"),
             TimeRemainingColumn(),
-            TextColumn("[red]{task.fields[failures]}"),
+            PlainTextColumn("{task.fields[failures]}", style="red"),
             console=console,
             transient=True,
             speed_estimate_period=SPEED_PERIOD_S,
@@ -61,9 +60,7 @@ class BatchProgress(Progress):
         """
         if outcome.failure:
             self._failures += 1
-            self.console.print(
-                f"{outcome.failure}: {outcome.reason}", markup=False, highlight=False, soft_wrap=True
-            )
+            self.console.print(f"{outcome.failure}: {outcome.reason}", soft_wrap=True)
         speed = self.tasks[0].finished_speed or self.tasks[0].speed
         self.update(
             self._task,
@@ -84,20 +81,19 @@ def render_report(report: Report, output: Path) -> None:
         report: outcomes of the run.
         output: folder of the results, named in the first line.
     """
-    console = Console(highlight=False, soft_wrap=True)
+    console = Terminal(soft_wrap=True)
     done = [outcome for outcome in report.outcomes if not outcome.failure]
     known = sum(outcome.known for outcome in done)
     text = f"{len(done) - known} analysed, {report.unchanged} unchanged"
     if known:
         text += f", {known} with content analysed before"
-    console.print(f"{text}, {len(report.failures)} failed: {output}", markup=False)
+    console.print(f"{text}, {len(report.failures)} failed: {output}")
     for kind, many in Counter(outcome.failure for outcome in report.failures).most_common():
-        console.print(f"  {kind}: {many}", markup=False)
+        console.print(f"  {kind}: {many}")
     if report.failed_before:
         console.print(
             f"{len(report.failed_before)} that failed before were not tried again: add --only-failed to try "
             "them",
-            markup=False,
         )
     if report.interrupted:
-        console.print("interrupted: finished results stay; repeat the same command to continue", markup=False)
+        console.print("interrupted: finished results stay; repeat the same command to continue")

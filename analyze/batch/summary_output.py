@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pyarrow as pa
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 
 from analyze.batch.query_output import plain_console, save_answer
@@ -17,6 +16,7 @@ from analyze.batch.summary import Repeated, Summary
 from analyze.errors import ArchiveError
 from analyze.report.page import page_environment
 from schemas.output_file import write_text
+from schemas.terminal import Terminal
 
 SUFFIXES = (".html", ".csv", ".parquet")
 _TYPES = {"str": pa.string(), "int": pa.int64(), "float": pa.float64()}
@@ -68,7 +68,7 @@ def render_summary(summary: Summary) -> None:
     _print_failures(console, summary)
 
 
-def _print_standing_out(console: Console, summary: Summary) -> None:
+def _print_standing_out(console: Terminal, summary: Summary) -> None:
     table = _compact_table("What stands out", width=78)
     for heading in ("object", "quantity", ""):
         table.add_column(heading, overflow="fold")
@@ -85,7 +85,7 @@ def _compact_table(title: str, width: int | None = None) -> Table:
     return Table(title=title, title_justify="left", box=box, show_edge=False, padding=padding, width=width)
 
 
-def _print_failures(console: Console, summary: Summary) -> None:
+def _print_failures(console: Terminal, summary: Summary) -> None:
     """Print a table of the recordings without a result by kind of failure, or one line if none failed."""
     if not summary.failures:
         console.print(f"{summary.recordings} recordings, none failed")

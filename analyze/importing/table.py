@@ -6,9 +6,9 @@ import math
 from typing import TYPE_CHECKING
 
 import click
-from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
+
+from schemas.terminal import Terminal
 
 if TYPE_CHECKING:
     from analyze.importing.prepared_import import PreparedImport
@@ -39,9 +39,9 @@ def render_import(prepared: PreparedImport) -> list[str]:
         start = f"{(window.start_ns or 0) * 1e-9:.2f}"
         end = "its end" if end_ns is None else f"{end_ns * 1e-9:.2f}"
         table.add_row(
-            window.strike_id, escape(clip.path.name), seen, start, moves, end, _note(prepared, clip, window)
+            window.strike_id, clip.path.name, seen, start, moves, end, _note(prepared, clip, window)
         )
-    Console().print(table)
+    Terminal().print(table)
     click.echo(f"{prepared.rate_hz:.6g} frames per second; {prepared.formats}")
     if prepared.place is not None:
         degrees, millimetres = math.degrees(prepared.place.deviation_rad), 1000 * prepared.place.deviation_m

@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from analyze.least_squares.intervals import SIGMAS_95
@@ -16,6 +14,7 @@ from analyze.result.radius import radius_lines
 from analyze.result.tilt import tilt_lines
 from schemas.quantity import Quantity
 from schemas.result import Filling, Parts, Result
+from schemas.terminal import Terminal, styled
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,14 +28,14 @@ GRAM_CM2 = 1e7
 """g cm² per kg m²"""
 
 
-def render_summary(answer: Answer, console: Console | None = None) -> None:
+def render_summary(answer: Answer, console: Terminal | None = None) -> None:
     """Print an estimate: centre of mass, table tilt, strikes, moments, masses, verdict and warnings.
 
     Args:
         answer: estimate and its result.
         console: console to print on; None for standard output.
     """
-    console = console or Console(highlight=False)
+    console = console or Terminal()
     estimate, result = answer.estimate, answer.result
     recordings = estimate.evidence.recordings
     which = (
@@ -45,7 +44,7 @@ def render_summary(answer: Answer, console: Console | None = None) -> None:
         else f"{len(recordings)} recordings:"
     )
     console.print(
-        f"[bold]{escape(estimate.evidence.spec.name)}[/], {1e3 * estimate.inertial.mass:.1f} g, {which}"
+        styled((estimate.evidence.spec.name, "bold"), f", {1e3 * estimate.inertial.mass:.1f} g, {which}")
     )
     for number, recording in enumerate(recordings, 1):
         if len(recordings) > 1:
@@ -58,7 +57,7 @@ def render_summary(answer: Answer, console: Console | None = None) -> None:
         *radius_lines(result),
         *frame_time_lines(result.frame_times, len(recordings) > 1),
     ]:
-        console.print(escape(line))
+        console.print(line)
     console.print()
     console.print(_strikes(result))
     console.print(_moments(result))
@@ -70,9 +69,9 @@ def render_summary(answer: Answer, console: Console | None = None) -> None:
     if result.robustness:
         console.print(_robustness(result.robustness))
     for sentence in result.verdict or []:
-        console.print(escape(sentence))
+        console.print(sentence)
     for warning in result.warnings:
-        console.print(f"[yellow]{warning.code.value}[/]: {escape(warning.text)}")
+        console.print(styled((warning.code.value, "yellow"), f": {warning.text}"))
 
 
 def com_text(com: Quantity) -> str:
@@ -199,7 +198,7 @@ def _robustness(rows: Sequence[AlternativeResult]) -> Table:
     for name in ("what if", "centre of mass (mm)", "principal moments (%)", "answer"):
         table.add_column(name, justify="left" if name in {"what if", "answer"} else "right")
     for row in robustness_rows(rows):
-        table.add_row(*map(escape, row))
+        table.add_row(*row)
     return table
 
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
-from rich.console import Console
 from rich.table import Table
 
 from analyze.least_squares.intervals import SIGMAS_95, student_sigmas_95
@@ -15,6 +14,7 @@ from analyze.report.plots import SIGMAS_95_2D
 from analyze.report.style import BLUE, GREEN, INK, MUTED, ORANGE, style
 from analyze.reproduce.cube_tosses import EDGE_M, GRAVITY_M_S2, MASS_KG, CubeAnswer
 from analyze.reproduce.cube_tosses_document import distance_sd
+from schemas.terminal import Terminal
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _VIEWS = ((0, 2, "x", "z"), (0, 1, "x", "y"))
 
 
-def render_cube(answer: CubeAnswer, console: Console | None = None) -> None:
+def render_cube(answer: CubeAnswer, console: Terminal | None = None) -> None:
     """Print the results by flight, edge contact and corner contact as a table, and the conclusions.
 
     Intervals are 95 %.
@@ -37,7 +37,7 @@ def render_cube(answer: CubeAnswer, console: Console | None = None) -> None:
     Raises:
         EstimationError: the centres of mass by edge contact and by flight are exactly equal.
     """
-    console = console or Console(highlight=False)
+    console = console or Terminal()
     table = Table(
         title=f"{answer.tosses} tosses of a real cube, {1e3 * EDGE_M:.1f} mm, {MASS_KG:g} kg"
         f" ({answer.frames} frames)"

@@ -258,10 +258,11 @@ def render_score(score: dict[str, Any]) -> None:
         score: the table that `score_answer` returns.
     """
     from rich.box import SIMPLE_HEAD
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console(highlight=False)
+    from schemas.terminal import Terminal, styled
+
+    console = Terminal()
     strikes = Table(
         "strike",
         "true phi",
@@ -285,10 +286,13 @@ def render_score(score: dict[str, Any]) -> None:
     )
     x, y, z = off
     console.print(
-        f"true centre of mass ({', '.join(f'{v:.2f}' for v in true)}) mm, estimated"
-        f" ({', '.join(f'{v:.2f}' for v in true + off)}) mm: off by"
-        f" [bold]{1e3 * score['centre_of_mass_error_m']:.2f} mm[/] ({x:+.2f}, {y:+.2f}, {z:+.2f}); the"
-        f" paper's estimator: {1e3 * score['centre_of_mass_paper_error_m']:.2f} mm"
+        styled(
+            f"true centre of mass ({', '.join(f'{v:.2f}' for v in true)}) mm, estimated"
+            f" ({', '.join(f'{v:.2f}' for v in true + off)}) mm: off by ",
+            (f"{1e3 * score['centre_of_mass_error_m']:.2f} mm", "bold"),
+            f" ({x:+.2f}, {y:+.2f}, {z:+.2f}); the"
+            f" paper's estimator: {1e3 * score['centre_of_mass_paper_error_m']:.2f} mm",
+        )
     )
     if score["region_mass_error_relative"] is not None:
         naive = min(score["region_mass_error_relative_baselines"].items(), key=lambda item: item[1])
@@ -297,8 +301,10 @@ def render_score(score: dict[str, Any]) -> None:
             for n, m in zip(score["region_names"], score["region_mass_true_kg"], strict=True)
         )
         console.print(
-            f"true region masses {masses}; estimates off by"
-            f" [bold]{score['region_mass_error_relative']:.1%}[/] of the total"
-            f" ({score['mass_in_wrong_region']:.1%} in the wrong region); best naive answer"
-            f" ({naive[0].replace('_', ' ')}): {naive[1]:.1%}"
+            styled(
+                f"true region masses {masses}; estimates off by ",
+                (f"{score['region_mass_error_relative']:.1%}", "bold"),
+                f" of the total ({score['mass_in_wrong_region']:.1%} in the wrong region); best naive answer"
+                f" ({naive[0].replace('_', ' ')}): {naive[1]:.1%}",
+            )
         )

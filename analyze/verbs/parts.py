@@ -15,10 +15,9 @@ from analyze.errors import ShapeError
 from analyze.verbs.options import one_line
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from analyze.geometry.bodies import Body
     from analyze.reading.object_file import ObjectFiles
+    from schemas.terminal import Terminal
 
 _MILLI, _CUBIC_CM = 1e3, 1e6
 
@@ -64,7 +63,7 @@ def read_bodies(path: Path) -> tuple[ObjectFiles, list[Body]]:
     return files, bodies
 
 
-def render_bodies(files: ObjectFiles, bodies: list[Body], console: Console | None = None) -> None:
+def render_bodies(files: ObjectFiles, bodies: list[Body], console: Terminal | None = None) -> None:
     """Print the bodies as a table: number, volume [cm^3], centroid and size [mm], and the labelled part.
 
     Bodies that overlap are named below it. A hint on labels follows if there is one body, or if no body is
@@ -76,12 +75,12 @@ def render_bodies(files: ObjectFiles, bodies: list[Body], console: Console | Non
         console: where to print; None for standard output.
     """
     from rich.box import SIMPLE_HEAD
-    from rich.console import Console
     from rich.table import Table
 
     from analyze.geometry.bodies import overlaps_of
+    from schemas.terminal import Terminal
 
-    console = console or Console(highlight=False)
+    console = console or Terminal()
     part_of = _part_of_body(files)
     table = Table(title=f"Bodies of {files.shape_name}", title_justify="left", box=SIMPLE_HEAD)
     for name in ("body", "volume (cm³)", "middle x, y, z (mm)", "size (mm)", "part"):
@@ -110,7 +109,7 @@ def render_bodies(files: ObjectFiles, bodies: list[Body], console: Console | Non
         )
     elif not part_of:
         console.print("label them in the object file, bodies of one material together:")
-        console.print('  [[labels]]\n  name = "handle"\n  bodies = [1]', markup=False)
+        console.print('  [[labels]]\n  name = "handle"\n  bodies = [1]')
 
 
 def _repair_text(body: Body) -> str:

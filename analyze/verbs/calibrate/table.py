@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from analyze.calibration.choose import MOST_VIEWS
@@ -14,19 +13,20 @@ from analyze.calibration.verdict import place_in_image
 from analyze.cameras.calibrate import CalibrationAnswer
 from analyze.cameras.calibration_toml import calibration_spec
 from schemas.document import SCHEMA_VERSION
+from schemas.terminal import Terminal
 
 MAX_NAMED = 4
 """largest number of images named; more are counted"""
 
 
-def render_calibration(answer: CalibrationAnswer, console: Console | None = None) -> None:
+def render_calibration(answer: CalibrationAnswer, console: Terminal | None = None) -> None:
     """Print a camera calibration as a table, with images not used, doubts and notes.
 
     Args:
         answer: the calibration.
         console: where to print; None for standard output.
     """
-    console = console or Console()
+    console = console or Terminal()
     found = answer.calibration
     lens = found.lens
     table = Table(
@@ -69,7 +69,6 @@ def render_calibration(answer: CalibrationAnswer, console: Console | None = None
         console.print(
             f"{answer.alike} of {answer.looked_at} images show the board in the same place as another: not "
             "used",
-            highlight=False,
         )
     if answer.surplus:
         console.print(
@@ -78,15 +77,15 @@ def render_calibration(answer: CalibrationAnswer, console: Console | None = None
             highlight=False,
         )
     if answer.without_board:
-        console.print(f"no board in {_names(answer.without_board)}", highlight=False)
+        console.print(f"no board in {_names(answer.without_board)}")
     for left in answer.dropped[:MAX_NAMED]:
-        console.print(f"left out: {left.name}: {left.reason}", highlight=False)
+        console.print(f"left out: {left.name}: {left.reason}")
     if len(answer.dropped) > MAX_NAMED:
-        console.print(f"left out: {len(answer.dropped) - MAX_NAMED} more; --json names all", highlight=False)
+        console.print(f"left out: {len(answer.dropped) - MAX_NAMED} more; --json names all")
     for doubt in answer.doubts:
-        console.print(f"doubt: {doubt}", highlight=False)
+        console.print(f"doubt: {doubt}")
     for note in notes(answer):
-        console.print(f"note: {note}", highlight=False)
+        console.print(f"note: {note}")
 
 
 def notes(answer: CalibrationAnswer) -> list[str]:

@@ -10,33 +10,33 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from analyze.reading.file_series import missing_files_text
 from analyze.reading.planned_strikes import PlannedStrikes
+from schemas.terminal import Terminal, styled
 
 WIDE_COLUMNS, NARROW_COLUMNS = 96, 58
 """smallest terminal widths at which tables show all columns, and all but the least important ones"""
 
 
-def render_inspection(found: dict[str, Any], console: Console | None = None) -> None:
+def render_inspection(found: dict[str, Any], console: Terminal | None = None) -> None:
     """Print contents, session and health of an inspected file on the terminal.
 
     Args:
         found: result of `inspect_recording`.
         console: where to print; None for standard output.
     """
-    console = console or Console()
+    console = console or Terminal()
     ours = found["kind"] == "percuss"
 
-    def write(text: str) -> None:
-        console.print(text, highlight=False)
-
+    write = console.print
     write(
-        f"[bold]{escape(found['path'])}[/]  {_bytes(found['bytes'])}, {_seconds(found['duration_s'])}, "
-        f"{_state(found)}"
+        styled(
+            (found["path"], "bold"),
+            f"  {_bytes(found['bytes'])}, {_seconds(found['duration_s'])}, ",
+            _state(found),
+        )
     )
     if ours:
         _write_session(found, write)
@@ -66,14 +66,15 @@ def render_inspection(found: dict[str, Any], console: Console | None = None) -> 
 
 def _write_health(problems: Sequence[str], write: Any) -> None:
     for text in problems:
-        write(f"[bold red]![/] {escape(text)}")
+        write(styled(("!", "bold red"), f" {text}"))
     if not problems:
         write("health: no problems found")
 
 
-def _state(found: dict[str, Any]) -> str:
+def _state(found: dict[str, Any]) -> str | tuple[str, str]:
+    """Whether the file is complete, with a style if it is not."""
     if not found["complete"]:
-        return "[bold red]cut short[/]"
+        return "cut short", "bold red"
     plan = found.get("plan")
     return "complete" if plan is None or not plan["missing"] else "intact file"
 
@@ -81,30 +82,29 @@ def _state(found: dict[str, Any]) -> str:
 def _write_session(found: dict[str, Any], write: Any) -> None:
     if len(found["files"]) > 1:
         write(
-            f"in {len(found['files'])} files: "
-            f"{', '.join(escape(Path(file['path']).name) for file in found['files'])}"
+            f"in {len(found['files'])} files: {', '.join(Path(file['path']).name for file in found['files'])}"
         )
     if found["missing_files"]:
-        write(f"[bold red]missing[/]: {missing_files_text(found['missing_files'])}")
+        write(styled(("missing", "bold red"), f": {missing_files_text(found['missing_files'])}"))
     write(
-        f"object {escape(found['object']['name'])} ({found['object']['mass_kg'] * 1000:.1f} g), recorded "
-        f"{escape(found['created'])} by {escape(found['software'])}, schema {escape(found['schema_version'])}"
+        f"object {found['object']['name']} ({found['object']['mass_kg'] * 1000:.1f} g), recorded "
+        f"{found['created']} by {found['software']}, schema {found['schema_version']}"
     )
 
 
 def _written(found: dict[str, Any]) -> str:
     """Text that names the program that wrote the file, its encodings and compression."""
-    by = f"written by {escape(found['library'])}" if found["library"] else "written by an unnamed program"
-    parts = [by + (f" (profile {escape(found['profile'])})" if found["profile"] else "")]
+    by = f"written by {found['library']}" if found["library"] else "written by an unnamed program"
+    parts = [by + (f" (profile {found['profile']})" if found["profile"] else "")]
     encodings = dict.fromkeys(topic["encoding"] for topic in found["topics"] if topic.get("encoding"))
     if encodings:
-        parts.append(escape(" and ".join(encodings)) + " messages")
+        parts.append(" and ".join(encodings) + " messages")
     for name, packed in found["compression"].items():
         size = _bytes(packed["stored_bytes"])
         parts.append(
             f"{packed['chunks']} chunks of {size}, uncompressed"
             if name == "none"
-            else f"{packed['chunks']} chunks compressed with {escape(name)}, "
+            else f"{packed['chunks']} chunks compressed with {name}, "
             f"{size} of {_bytes(packed['unpacked_bytes'])}"
         )
     return ", ".join(parts)
@@ -124,7 +124,7 @@ def _topics(found: dict[str, Any], width: int) -> Table:
     if width >= WIDE_COLUMNS:
         headings.append("at [s]")
     for heading in headings:
-        table.add_column(escape(heading), justify="right", no_wrap=True)
+        table.add_column(heading, justify="right", no_wrap=True)
     for topic in found["topics"]:
         kind = topic["schema"].rpartition(".")[2] or "-"
         interval, since = topic["median_interval_s"], topic["longest_gap_start_ns"]
@@ -136,8 +136,8 @@ def _topics(found: dict[str, Any], width: int) -> Table:
             "at [s]": _number(None if since is None else (since - found["start_ns"]) * 1e-9, ".1f"),
         }
         table.add_row(
-            escape(topic["name"]),
-            *([escape(kind)] if width >= NARROW_COLUMNS else []),
+            topic["name"],
+            *([kind] if width >= NARROW_COLUMNS else []),
             *(cells[heading] for heading in headings),
         )
     return table
@@ -166,10 +166,10 @@ def _strikes(strikes: Sequence[dict[str, Any]], width: int) -> Table:
             else strike["verdict_text"][: room - 1] + "…"
         )
         table.add_row(
-            escape(strike["strike_id"]),
+            strike["strike_id"],
             *(middle if width >= NARROW_COLUMNS else middle[:1]),
-            escape(strike["verdict"] or "-"),
-            *([escape(reason)] if room >= len("reason") else []),
+            strike["verdict"] or "-",
+            *([reason] if room >= len("reason") else []),
         )
     return table
 
@@ -177,7 +177,7 @@ def _strikes(strikes: Sequence[dict[str, Any]], width: int) -> Table:
 def _camera(camera: dict[str, Any]) -> str:
     delay = camera["arrival_delay_s"]
     return (
-        f"camera {escape(camera['name'])}: {camera['frames']} frames at {_number(camera['rate_hz'], '.2f')} "
+        f"camera {camera['name']}: {camera['frames']} frames at {_number(camera['rate_hz'], '.2f')} "
         f"Hz (set {camera['nominal_rate_hz']:g}), {camera['lost']} lost, {camera['images']} images kept, "
         f"{_number(None if delay is None else delay * 1e3, '.1f')} ms late"
     )
@@ -186,7 +186,7 @@ def _camera(camera: dict[str, Any]) -> str:
 def _clocks(found: dict[str, Any]) -> list[str]:
     if "clocks" in found:
         return [
-            f"clock {escape(clock['clock'])}: {clock['samples']} samples, "
+            f"clock {clock['clock']}: {clock['samples']} samples, "
             f"{_number(clock['drift_ppm'], '+.1f')} ppm, round trip {clock['round_trip_s'] * 1e6:.0f} us"
             for clock in found["clocks"]
         ] or ["clocks: no samples"]
@@ -204,12 +204,12 @@ def _write_attached(found: dict[str, Any], write: Any) -> None:
     if found["attachments"]:
         write(
             "attached: "
-            + ", ".join(f"{escape(name)} ({_bytes(size)})" for name, size in found["attachments"].items())
+            + ", ".join(f"{name} ({_bytes(size)})" for name, size in found["attachments"].items())
         )
     if found["metadata"]:
         write(
             "metadata: "
-            + ", ".join(f"{escape(name)} ({len(entries)})" for name, entries in found["metadata"].items())
+            + ", ".join(f"{name} ({len(entries)})" for name, entries in found["metadata"].items())
         )
     write("not a recording of `acquire`: it contains no session")
 

@@ -6,43 +6,41 @@ from collections.abc import Sequence
 from itertools import groupby
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from analyze.planning.rejections import rejection_summary
 from analyze.types import TENSOR_ENTRIES, tensor_entry_name
 from schemas.strike_plan import PlanMethod, PlannedStrike, Prediction, StrikePlan
+from schemas.terminal import Terminal
 
 NOT_DETERMINED = "not determined"
 
 
-def render_plan(plan: StrikePlan, console: Console | None = None) -> None:
+def render_plan(plan: StrikePlan, console: Terminal | None = None) -> None:
     """Print a strike plan: table of strikes, expected accuracy, advice, warnings, and axes left out.
 
     Args:
         plan: the plan.
         console: where to print; None for standard output.
     """
-    console = console or Console(markup=False)
+    console = console or Terminal()
     console.print(_strike_table(plan))
     if plan.prediction is not None:
         console.print(_prediction_table(plan, plan.prediction))
-        console.print(f"advice: {plan.prediction.advice}", highlight=False)
+        console.print(f"advice: {plan.prediction.advice}")
     elif plan.predicted_com_sd_m is not None:
         console.print(
             f"predicted: centre of mass to {1000 * plan.predicted_com_sd_m:.2f} mm (root mean square "
             "distance)",
-            highlight=False,
         )
     for warning in plan.warnings:
-        console.print(f"note: {warning}", highlight=False)
+        console.print(f"note: {warning}")
     if plan.rejected and plan.method is PlanMethod.PAPER:
         for problem in plan.rejected:
-            console.print(f"{problem.axis_id}: {problem.code}: {problem.text}", highlight=False)
+            console.print(f"{problem.axis_id}: {problem.code}: {problem.text}")
     elif plan.rejected:
         console.print(
             f"left out: {rejection_summary(plan.rejected)}; the plan file gives the reasons, with numbers",
-            highlight=False,
         )
 
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 
 from analyze.geometry.rotations import angle_between
@@ -15,16 +14,17 @@ from analyze.registration.places import MarkerPlace, TablePlace
 from analyze.types import Array
 from analyze.verbs.register.marker_poses import RegisterAnswer, is_implausible, pose_toml
 from schemas.document import SCHEMA_VERSION
+from schemas.terminal import Terminal
 
 
-def render_registration(answer: RegisterAnswer, console: Console | None = None) -> None:
+def render_registration(answer: RegisterAnswer, console: Terminal | None = None) -> None:
     """Print the marker poses with remarks, then each recording's table pose and the strikes not used.
 
     Args:
         answer: the estimated poses.
         console: where to print; None for standard output.
     """
-    console = console or Console(highlight=False)
+    console = console or Terminal()
     found, given = answer.registration, answer.given
     used = {strike for place in found.markers for strike in place.strikes}
     table = Table(

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from acquire.errors import CameraNotFound, CameraSettingError, RecorderError, StrikerNotFound
 from acquire.preflight.check import Outcome, failed_by_error
@@ -18,6 +17,7 @@ from acquire.preflight.read_video import VideoContent
 from acquire.preflight.servo import ServoState, check_held_servo
 from acquire.preflight.session import LINES
 from schemas.rig import StrikerConfig
+from schemas.terminal import Terminal
 from schemas.watch_lines import SeenMarker
 from tests.acquire.preflight.bench import (
     CONTENT,
@@ -245,7 +245,7 @@ def test_check_failed_by_an_error_shows_its_remedy() -> None:
 def test_output_fits_the_terminal_and_ends_with_a_summary(bench: Bench, width: int) -> None:
     bench.source.video = replace(FILM, lost=3, event=None)
     output = io.StringIO()
-    picture = CheckPicture(Console(file=output, width=width, force_terminal=False))
+    picture = CheckPicture(Terminal(file=output, width=width, force_terminal=False))
     for line in bench.lines().values():
         picture.show(line)
     picture.verdict(9.0)
@@ -260,7 +260,7 @@ def test_output_fits_the_terminal_and_ends_with_a_summary(bench: Bench, width: i
     ]
     assert sum(row.lstrip().startswith("\u2717") for row in rows) == 2
     assert rows[-1] == f"not ready: frames, marker  ({len(LINES) - 3} passed, 2 failed, 1 not checked; 9 s)"
-    good = CheckPicture(Console(file=output, width=width))
+    good = CheckPicture(Terminal(file=output, width=width))
     good.verdict(1.0)
     assert "ready  (0 passed; 1 s)" in output.getvalue()
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from analyze.estimation.cells import cells_from_voxels
 from analyze.estimation.fill_level import Container, KnownDensity, fill_level
@@ -27,6 +26,7 @@ from schemas.object_spec import (
 )
 from schemas.part_label import PartLabel
 from schemas.result import WarningCode
+from schemas.terminal import Terminal
 from tests.analyze.simulated_session import carton, object_spec, session
 
 SIZE = np.array([0.08, 0.06, 0.15])
@@ -166,7 +166,7 @@ def test_result_of_a_session_has_the_filling_and_its_assumptions():
     assert WarningCode.FILLING_ASSUMED_RIGID in codes
     # The plane between its two halves is slanted, unlike any level.
     assert (WarningCode.FILLING_UNEXPLAINED in codes) == (filling.misfit > 2.5)
-    console = Console(width=100, record=True, file=io.StringIO())
+    console = Terminal(width=100, record=True, file=io.StringIO())
     console.print(_filling(filling))
     assert "level along (0.00, 0.00, -1.00) from the origin (mm)" in console.export_text()
 

@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from rich.console import Console
 
 from analyze.errors import ShapeError
 from analyze.estimation.cells import cells_from_voxels
@@ -25,6 +24,7 @@ from analyze.verbs.parts import bodies_json, read_bodies, render_bodies
 from schemas.document import DocumentError
 from schemas.object_spec import Box, MarkerSpec, ObjectSpec, Shape, parse_object_spec
 from schemas.part_label import PartLabel
+from schemas.terminal import Terminal
 from tests.analyze.simulated_session import carton, session
 
 HEAD, HANDLE = (0.09, 0.03, 0.03), (0.02, 0.02, 0.16)
@@ -255,7 +255,7 @@ def test_the_table_lists_bodies_and_how_to_label_them(tmp_path):
         '"m"\n[[marker]]\nid = 0\nsize_m = 0.02\n'
     )
     (tmp_path / "hammer.toml").write_text(text)
-    console = Console(record=True, width=120, file=io.StringIO())
+    console = Terminal(record=True, width=120, file=io.StringIO())
     render_bodies(*read_bodies(tmp_path / "hammer.toml"), console)
     shown = console.export_text()
     assert "81.000" in shown
@@ -280,7 +280,7 @@ def test_a_session_gives_the_masses_of_wall_and_layers():
     # The true inside has two halves of 14 and 4 g and is not uniform, which is reported.
     assert any("do not explain the moments" in warning.text for warning in estimate.result.warnings)
     assert 0 < low < high < body.mass
-    console = Console(record=True, width=120, file=io.StringIO())
+    console = Terminal(record=True, width=120, file=io.StringIO())
     render_summary(estimate, console)
     assert "Labelled parts" in console.export_text()
     assert "parts" not in answer_evidence(evidence).json().partition('"regions"')[0]

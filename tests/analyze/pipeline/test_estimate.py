@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from analyze.errors import EstimationError
 from analyze.pipeline.estimate import EstimateOptions
@@ -15,6 +14,7 @@ from analyze.types import RollingContact, TipMotion
 from schemas.proto import percuss_pb2 as pb
 from schemas.result import Result, WarningCode
 from schemas.strike_result import Verdict
+from schemas.terminal import Terminal
 from tests.analyze.estimation.bodies import tip
 from tests.analyze.simulated_session import carton, session
 
@@ -244,7 +244,7 @@ def test_score_shows_each_moment_error_in_its_strikes_row(estimate, monkeypatch,
 
 
 def test_summary_shows_the_answer(estimate):
-    console = Console(width=80, record=True, file=io.StringIO(), highlight=False)
+    console = Terminal(width=80, record=True, file=io.StringIO())
     render_summary(estimate, console)
     text = console.export_text()
     assert "centre of mass (x, y, z)" in text

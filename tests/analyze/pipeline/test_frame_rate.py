@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from analyze.pipeline.frame_rate import stated_scale
 from analyze.pipeline.merge import merge_evidence
@@ -17,6 +16,7 @@ from analyze.report.summary import render_summary
 from analyze.result.answer import answer_evidence
 from schemas.result import Result, WarningCode
 from schemas.session_manifest import TimeSource
+from schemas.terminal import Terminal
 from tests.analyze.pipeline.merged_sessions import recording
 from tests.analyze.simulated_session import carton, session
 
@@ -48,7 +48,7 @@ def test_consistent_rate_is_reported_with_its_error(right):
     assert abs(times.rate_ratio.value - 1) < 3 * times.rate_ratio.sd
     assert times.contact_sd_s == pytest.approx(2.4e-3, rel=0.2)
     assert not codes(right) & {WarningCode.FRAME_RATE_WRONG, WarningCode.FRAME_RATE_UNCHECKED}
-    console = Console(file=io.StringIO(), width=300)
+    console = Terminal(file=io.StringIO(), width=300)
     render_summary(right, console)
     said = console.file.getvalue()
     assert (
@@ -119,6 +119,6 @@ def test_rate_measured_by_a_drop_has_the_drops_sd(right):
     found = answer_evidence(replace(measured, motions=evidence.motions[:3]))
     assert found.result.frame_times[0].frame_rate_sd_hz == 1.2
     assert WarningCode.FRAME_RATE_UNCHECKED not in codes(found)
-    console = Console(file=io.StringIO(), width=300)
+    console = Terminal(file=io.StringIO(), width=300)
     render_summary(found, console)
     assert "120 frames a second ± 2.4 as measured" in console.file.getvalue()

@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from analyze.cards.page import render_cards
 from analyze.geometry.object_model import load_object_model
@@ -21,6 +20,7 @@ from analyze.planning.prepared import PreparedObject, prepare_object
 from analyze.planning.stable_planes import resting_planes
 from analyze.verbs.plan.table import render_plan
 from schemas.strike_plan import StrikePlan, parse_strike_plan
+from schemas.terminal import Terminal
 from tests.analyze.geometry.shapes import spec_of, stl
 from tests.analyze.planning.comparison import compare
 from tests.analyze.planning.planned import stable_planes
@@ -73,7 +73,7 @@ def test_surer_faces_are_struck_first():
 def test_terminal_cards_and_file_contain_the_warning():
     prepared, plan = lopsided()
     out = io.StringIO()
-    render_plan(plan, Console(file=out, width=500))
+    render_plan(plan, Terminal(file=out, width=500))
     assert "where it is expected" in out.getvalue()
     page = render_cards(plan, prepared.model, prepared.spec)
     unsure = [strike for strike in plan.strikes if not strike.stands_surely]

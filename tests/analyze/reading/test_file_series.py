@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from rich.console import Console
 
 from analyze.cli import main as analyze
 from analyze.errors import RecordingCut
@@ -21,6 +20,7 @@ from analyze.reading.truth import read_truth
 from analyze.verbs.inspect.recording import inspect_recording
 from analyze.verbs.inspect.table import render_inspection
 from schemas.result import Result
+from schemas.terminal import Terminal
 from tests import small_recording as small
 from tests.analyze.split_recording import split_recording
 from tests.places import SAMPLE
@@ -116,7 +116,7 @@ def test_cut_file_of_the_series_is_named_with_its_remedy(folder: Path) -> None:
 
 def rendered(found: dict) -> str:
     text = io.StringIO()
-    render_inspection(found, Console(file=text, width=200))
+    render_inspection(found, Terminal(file=text, width=200))
     return text.getvalue()
 
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from analyze.pipeline.equiplanes import systematic_errors
 from analyze.pipeline.evidence import Evidence
@@ -16,6 +15,7 @@ from analyze.result.answer import answer_evidence
 from schemas.document import canonical_json
 from schemas.result import Result, WarningCode
 from schemas.session_manifest import LevelReading
+from schemas.terminal import Terminal
 from tests.analyze.simulated_session import carton, session
 
 BODY = carton()
@@ -60,7 +60,7 @@ def test_assumed_level_gives_a_warning_with_the_remedy(rising):
         False,
         "prior",
     )
-    console = Console(record=True, width=140, file=io.StringIO())
+    console = Terminal(record=True, width=140, file=io.StringIO())
     render_summary(found, console)
     assert "towards +x (95 % interval), not measured" in console.export_text()
 

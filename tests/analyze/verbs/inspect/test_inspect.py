@@ -7,13 +7,13 @@ import json
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
 from analyze.errors import RecordingError
 from analyze.verbs.inspect.recording import inspect_recording
 from analyze.verbs.inspect.table import render_inspection
 from schemas.document import canonical_json
 from schemas.strike_plan import StrikePlan
+from schemas.terminal import Terminal
 from tests import small_recording as small
 from tests.analyze.motion.tipping import planned
 
@@ -55,7 +55,7 @@ def test_cut_recording_is_inspected_and_called_cut(tmp_path: Path) -> None:
     json.dumps(found, allow_nan=False)
     assert found["complete"] is False
     text = io.StringIO()
-    render_inspection(found, Console(file=text, width=160))
+    render_inspection(found, Terminal(file=text, width=160))
     assert "cut short" in text.getvalue()
     assert "/camera/main/image" in text.getvalue()
 
@@ -64,7 +64,7 @@ def test_topic_names_are_complete_on_80_columns(tmp_path: Path) -> None:
     small.write_recording(tmp_path / "a.mcap")
     found = inspect_recording(tmp_path / "a.mcap")
     text = io.StringIO()
-    render_inspection(found, Console(file=text, width=80))
+    render_inspection(found, Terminal(file=text, width=80))
     for topic in found["topics"]:
         assert f"\n{topic['name']} " in text.getvalue()
     assert "…" not in text.getvalue()
@@ -78,7 +78,7 @@ def test_an_empty_session_is_inspected(tmp_path: Path) -> None:
     found = inspect_recording(tmp_path / "a.mcap")
     json.dumps(found, allow_nan=False)
     assert found["topics"] == []
-    render_inspection(found, Console(file=io.StringIO()))
+    render_inspection(found, Terminal(file=io.StringIO()))
     with pytest.raises(RecordingError):
         inspect_recording(tmp_path / "missing.mcap")
 
@@ -90,7 +90,7 @@ def _planned(*names: str) -> bytes:
 
 def _rendered(path: Path) -> str:
     text = io.StringIO()
-    render_inspection(inspect_recording(path), Console(file=text, width=400))
+    render_inspection(inspect_recording(path), Terminal(file=text, width=400))
     return text.getvalue()
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from mcap.writer import CompressionType, IndexType, Writer
-from rich.console import Console
 
 from analyze.cli import main as analyze
 from analyze.errors import RecordingError
@@ -19,6 +18,7 @@ from analyze.verbs.inspect.recording import inspect_recording
 from analyze.verbs.inspect.table import render_inspection
 from schemas.mcap import records as container
 from schemas.mcap.walk import walk
+from schemas.terminal import Terminal
 from tests.places import FIRST_SAMPLE
 
 T0 = 1_700_000_000_000_000_000
@@ -73,7 +73,7 @@ def bag(path: Path, profile: str = "ros2", gap_ms: int = 0, late_ms: int = 0, **
 
 def shown(path: Path, width: int = 100) -> str:
     text = io.StringIO()
-    render_inspection(inspect_recording(path), Console(file=text, width=width))
+    render_inspection(inspect_recording(path), Terminal(file=text, width=width))
     return text.getvalue()
 
 
@@ -272,7 +272,7 @@ def test_any_damage_raises_only_recording_error(tmp_path):
         except RecordingError:
             continue
         json.dumps(found, allow_nan=False)
-        render_inspection(found, Console(file=io.StringIO()))
+        render_inspection(found, Terminal(file=io.StringIO()))
 
 
 def test_every_key_of_the_json_is_in_the_guide():
