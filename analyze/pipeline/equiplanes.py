@@ -17,7 +17,7 @@ from analyze.pipeline.evidence import Evidence
 from analyze.pipeline.merge import (
     levelling_indices,
 )
-from analyze.planning.pivots import wall_lean
+from analyze.planning.pivots import place_sd, wall_lean
 from analyze.planning.stable_planes import resting_planes
 from analyze.types import Array, EquiPlane, RadiusPrior, RadiusSource, TipMotion
 
@@ -88,8 +88,9 @@ def with_edge(plane: EquiPlane, evidence: Evidence) -> EquiPlane:
 
     An equi-plane is the plane through the pivot line and the centre of mass. Names of faces are those of the
     shape's resting faces, whatever the plan called them, so that a face has one place error both where the
-    object rests on it and where it rises from the edge. A flank on which the contact rolls is returned
-    unchanged: its radius is that of the shape's section.
+    object rests on it and where it rises from the edge. The line of a strike that balanced over the next line
+    has the error of its own facets, not that of the planned edge. A flank on which the contact rolls is
+    returned unchanged: its radius is that of the shape's section.
 
     Args:
         plane: equi-plane of one strike, in the object frame O.
@@ -103,6 +104,8 @@ def with_edge(plane: EquiPlane, evidence: Evidence) -> EquiPlane:
     inset = (1 + np.sin(leaning)) / np.cos(leaning)
     corner = plane.point - plane.edge_radius * (up - inset * forward)
     radius = edge_radius(evidence.spec, model, plane.axis_id, corner, plane.direction)
+    if plane.facet_rad:
+        plane = replace(plane, edge_sd=place_sd(_line_sd(evidence, corner), lean))
     if _is_rounded_in_shape(model, plane, corner):
         own = float(
             np.hypot(
@@ -119,6 +122,22 @@ def with_edge(plane: EquiPlane, evidence: Evidence) -> EquiPlane:
         wall_lean=leaning,
         radius_prior=replace(radius, mean=plane.edge_radius),
     )
+
+
+def _line_sd(evidence: Evidence, point: Array) -> float:
+    """1 sigma [m] of the place, across itself, of an edge in which two faces of the shape meet.
+
+    The error of the faces is that of the object file in use, which may differ from the one that the shape was
+    loaded with.
+
+    Args:
+        evidence: strikes with object file and shape.
+        point: (3,) point [m] of the edge, in the object frame O.
+    """
+    model = evidence.model
+    loaded, in_use = model.surface_sd, surface_sd(evidence.spec.shape, model.noise_sd)
+    own = model.edge_sd(np.stack([point, point])) ** 2 - loaded**2
+    return float(np.sqrt(own + in_use**2))
 
 
 def _is_rounded_in_shape(model: ObjectModel, plane: EquiPlane, corner: Array) -> bool:

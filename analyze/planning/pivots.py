@@ -273,8 +273,18 @@ def _axis(
         point = contact + plane.up * (plane.level - level + moulded)
         return PivotAxis(name, plane, direction, tip, point, moulded, own, rolls, moulded=True)
     point = contact + plane.up * (plane.level - level + radius) - tip * inset
-    sd = own if wall is not None else float(np.hypot(own, BRIDGED_SD))
-    return PivotAxis(name, plane, direction, tip, point, radius, sd, rolls)
+    return PivotAxis(name, plane, direction, tip, point, radius, place_sd(own, wall), rolls)
+
+
+def place_sd(own: float, wall: float | None) -> float:
+    """1 sigma [m] of the place of an edge across itself, larger where no face rises from it.
+
+    Args:
+        own: 1 sigma [m] of an edge in which two faces meet (`ObjectModel.edge_sd`).
+        wall: Lean [rad] of the face that rises from the edge (`wall_lean`); None if there is none, so that
+            the edge bridges two corners of the hull.
+    """
+    return own if wall is not None else float(np.hypot(own, BRIDGED_SD))
 
 
 def _moulded_radius(

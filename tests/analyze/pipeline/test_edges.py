@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from analyze.geometry.object_model import load_object_model
+from analyze.geometry.object_model import LINE_SD, load_object_model
+from analyze.motion.supports import support_lines
 from analyze.pipeline.equiplanes import with_edge
 from analyze.pipeline.evidence import Evidence
 from analyze.planning.hypothesis import hypothesis
-from analyze.planning.pivots import pivot_axes
+from analyze.planning.pivots import BRIDGED_SD, pivot_axes
 from analyze.planning.stable_planes import resting_planes
 from analyze.types import EquiPlane, RadiusSource
 from schemas.object_spec import ObjectSpec
-from tests.analyze.geometry.shapes import spec_of
+from tests.analyze.geometry.shapes import spec_of, stl
+from tests.analyze.planning.random_bodies import convex_triangles
 from tests.analyze.planning.test_moulded import moulded, upright_axes
 
 
@@ -69,3 +73,28 @@ def test_rounding_of_the_shape_keeps_its_radius():
         assert plane.edge_radius == pytest.approx(0.003, rel=0.05)
         assert plane.radius_prior.sd < 3e-4
         assert np.allclose(plane.point, next(axis.point for axis in axes if axis.id == plane.axis_id))
+
+
+@pytest.mark.parametrize("surface_sd", [0.0, 3e-4])
+def test_next_line_has_the_error_of_its_own_facets(surface_sd):
+    # A bevel of 4 mm, 1 mm high: too flat for a wall of the edges of the foot, but a facet of the next line.
+    ends = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    corners = [np.column_stack([ends * half, np.full(4, z)]) for half, z in ((31, 0), (35, 1), (35, 120))]
+    data = stl(convex_triangles(np.vstack(corners)))
+    spec = spec_of({"file": "b.stl", "unit": "mm", "surface_sd_m": 3e-4}, 0.2, edge_radius_m=5e-4)
+    model = load_object_model(spec, data, "b.stl")
+    spec = spec.model_copy(update={"shape": spec.shape.model_copy(update={"surface_sd_m": surface_sd})})
+    foot = [plane for plane in resting_planes(model) if plane.up[2] > 0.999]
+    axes = pivot_axes(model, spec, foot, hypothesis(model))
+    assert len(axes) == 4
+    for axis in axes:
+        assert axis.sd > BRIDGED_SD
+        across = np.stack([axis.tip, axis.plane.up])
+        line = support_lines((model.hull_vertices - axis.point) @ across.T, axis.radius, axis.sd)[1]
+        point = axis.point + np.array([line.along_m, line.up_m]) @ across
+        (planned,) = edges(spec, model, [replace(axis, point=point)]).values()
+        carried = replace(planned, face="", facet_rad=line.takes_over_rad, edge_sd=axis.sd)
+        found = with_edge(carried, Evidence((), spec, model, None, "", ()))  # type: ignore[arg-type]
+        assert found.face not in ("", axis.plane.id)
+        assert found.wall
+        assert found.edge_sd == pytest.approx(np.hypot(LINE_SD, surface_sd))
