@@ -5,8 +5,9 @@ Masses of shell and interior parts, without labels, are in region_masses.py.
 The measured quantities are linear in the parts' masses x: sum x = m, sum x (c_p - c) = 0, sum x l.I_p(c).l =
 I_c,l; m is the object's mass, c its centre of mass, I_c,l its moment about the line l through c, c_p a part's
 centroid and I_p(c) its inertia per kilogram about c. No mass is negative and no part denser than lead: the
-posterior is a normal distribution truncated at these bounds. A mixture that the moments leave open extends
-over the range between the bounds, and its parts are reported as not observed.
+likelihood is a normal distribution truncated at these bounds. By the prior (material_prior.py) parts may be
+of one material. Parts whose mixture the moments alone leave open within the bounds are reported as not
+observed: the prior decides their masses.
 """
 
 # scipy is only partly typed.
@@ -16,8 +17,9 @@ over the range between the bounds, and its parts are reported as not observed.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -26,6 +28,7 @@ from scipy.special import chdtrc
 from analyze.errors import EstimationError
 from analyze.estimation.cells import Cells
 from analyze.estimation.mass_properties import InertialParameters
+from analyze.estimation.material_prior import log_material_prior
 from analyze.estimation.second_moments import symmetric_entries
 from analyze.estimation.shape_errors import ShapeErrors
 from analyze.estimation.truncated_normal import draw_truncated, shortest_intervals
@@ -37,7 +40,7 @@ MIN_PROBABILITY = 0.01
 """Probability of a chi^2 by chance below which parts do not explain the moments."""
 _MAX_DENSITY = DENSITIES[1]
 """Largest density of a part [kg/m^3], about that of lead."""
-_CHAINS, _STEPS, _BURN_IN_STEPS = 100, 160, 60
+_CHAINS, _STEPS, _BURN_IN_STEPS = 200, 100, 40
 """Number of chains, of their steps, and of the first steps that are dropped."""
 _DIFFERENCE_MOVES = 0.6
 """Share of moves along the difference of two other chains, which follows the bounds."""
@@ -124,8 +127,8 @@ class PartMasses:
     intervals: Array
     """(n, 2) shortest intervals that contain 95 % [kg]."""
     observed: tuple[bool, ...]
-    """False for a part whose interval is at least half as wide as its possible range, and for all parts if
-    they do not explain the moments."""
+    """False for a part whose 95 % interval by the moments alone (without the prior of materials) is at least
+    half as wide as its possible range, and for all parts if they do not explain the moments."""
     volumes: Array
     """(n,) volumes of the parts [m^3]."""
     uniform: Array
@@ -169,9 +172,9 @@ def part_masses(
     """Posterior of the masses of uniform parts given the moments of the whole object.
 
     It is sampled by hit-and-run chains (Smith 1984, Operations Research 32) along directions drawn from the
-    unbounded posterior or from other chains (ter Braak 2006, Statistics and Computing 16). The chains thus
+    unbounded likelihood or from other chains (ter Braak 2006, Statistics and Computing 16). The chains thus
     mix well although the posterior is much narrower in some directions (the sum of the masses, the mass of a
-    small part) than in others.
+    small part) than in others. Each step is accepted by the ratio of the priors of its ends (Metropolis).
 
     Args:
         moments: Measured mass, centre of mass and moments of the whole object.
@@ -213,7 +216,11 @@ def part_masses(
             break
         updates += 1
         about = likeliest @ np.array([part.centroid for part in parts]) / likeliest.sum()
-    draws = _sample(mean, precision, likeliest, most, rng)
+    log_prior = partial(log_material_prior, volumes=volumes, highest=_MAX_DENSITY)
+    by_moments = _sample(mean, precision, likeliest, most, lambda masses: np.zeros(len(masses)), rng)
+    low, high = shortest_intervals(by_moments, 0.0)
+    open_range = (high - low) / most
+    draws = _sample(mean, precision, likeliest, most, log_prior, rng)
     low, high = shortest_intervals(draws, 0.0)
     residual = rows @ likeliest - target
     probability = _probability_by_chance(rows, residual, likeliest, most)
@@ -223,7 +230,7 @@ def part_masses(
         masses=draws.mean(axis=0),
         covariance=np.cov(draws.T),
         intervals=np.stack([low, high], axis=1),
-        observed=tuple(explained and bool(part) for part in high - low < _UNOBSERVED_WIDTH * most),
+        observed=tuple(explained and bool(part) for part in open_range < _UNOBSERVED_WIDTH),
         volumes=volumes,
         uniform=uniform,
         misfit=float(np.sqrt(np.mean(residual**2))),
@@ -327,16 +334,25 @@ def _bounded_mode(mean: Array, precision: Array, most: Array) -> Array:
     return most * np.clip(share, 1e-6, 1.0 - 1e-6)
 
 
-def _sample(mean: Array, precision: Array, start: Array, most: Array, rng: np.random.Generator) -> Array:
-    """Random draws (draws, n) [kg] of n masses from a normal distribution, truncated to 0 .. `most` (n,).
+def _sample(
+    mean: Array,
+    precision: Array,
+    start: Array,
+    most: Array,
+    log_prior: Callable[[Array], Array],
+    rng: np.random.Generator,
+) -> Array:
+    """Random draws (draws, n) [kg] of n masses from their posterior, within 0 .. `most` (n,).
 
-    `mean` (n,) and `precision` (n, n), the inverse covariance, are those before truncation. The draws are the
-    positions of `_CHAINS` Markov chains, which all begin at `start` (n,); their first `_BURN_IN_STEPS` steps
-    are dropped.
+    The likelihood is normal; `mean` (n,) and `precision` (n, n), the inverse covariance, are those before
+    truncation. `log_prior` computes the log prior densities (m,) of m sets of masses (m, n). The draws are
+    the positions of `_CHAINS` Markov chains, which all begin at `start` (n,); their first `_BURN_IN_STEPS`
+    steps are dropped.
     """
     values, vectors = np.linalg.eigh(precision)
     spread = vectors / np.sqrt(values)
     x = np.tile(start, (_CHAINS, 1))
+    prior = log_prior(x)
     halves = np.arange(_CHAINS // 2), np.arange(_CHAINS // 2, _CHAINS)
     kept = []
     for step in range(_STEPS):
@@ -348,7 +364,11 @@ def _sample(mean: Array, precision: Array, start: Array, most: Array, rng: np.ra
                     # Where the two chains coincide, the drawn direction is kept.
                     apart = x[pair[0]] - x[pair[1]]
                     direction = np.where(np.any(apart != 0.0, axis=1, keepdims=True), apart, direction)
-                x[moved] = _draw_on_lines(x[moved], direction, mean, precision, most, rng)
+                proposed = _draw_on_lines(x[moved], direction, mean, precision, most, rng)
+                prior_proposed = log_prior(proposed)
+                accepted = rng.exponential(size=len(moved)) > prior[moved] - prior_proposed
+                x[moved[accepted]] = proposed[accepted]
+                prior[moved[accepted]] = prior_proposed[accepted]
         if step >= _BURN_IN_STEPS:
             kept.append(x.copy())
     return np.concatenate(kept)
