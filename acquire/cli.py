@@ -19,6 +19,7 @@ import click
 
 from acquire.errors import AcquireError, CameraNotFound, DaemonSilent
 from schemas.command_line import Commands, NumberRange, one_line_errors, version_option
+from schemas.wording import counted
 
 _one_line_errors = one_line_errors("acquire", AcquireError)
 _SOCKET_HELP = "Rig file that names the daemon's socket"
@@ -354,7 +355,10 @@ def _print_session(report: Any, as_json: bool) -> None:
             json.dumps({"path": str(report.path), "files": [str(path) for path in report.files], **numbers})
         )
     else:
-        counts = f"{report.strikes} strikes, {report.frames} frames, {report.lost} frames lost"
+        counts = (
+            f"{counted(report.strikes, 'strike')}, {counted(report.frames, 'frame')}, "
+            f"{counted(report.lost, 'frame')} lost"
+        )
         click.echo(f"{', '.join(map(str, report.files))}: {counts}")
     if report.aborted:
         click.echo(f"acquire: the session ended early: {report.text}", err=True)

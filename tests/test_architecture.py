@@ -64,6 +64,7 @@ FOUNDATION = (
         "schemas.impact_law",
         "schemas.rig_limits",
         "schemas.tags",
+        "schemas.wording",
     }
     | DOCUMENTS
 )

@@ -16,6 +16,7 @@ from acquire.clock.reading import ClockReading
 from acquire.errors import CameraError, CameraLost, CameraNotFound
 from acquire.frames.buffer_pool import BufferPool
 from acquire.frames.frame import Frame
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from acquire.clock.clock import Clock
@@ -311,7 +312,7 @@ class AravisCamera(Camera):
         stalled_s = (now_ns - self._last_frame_ns) * 1e-9
         if stalled_s > self._config.stall_s:
             incomplete = (
-                f" ({self.incomplete_frames} frames arrived incomplete: "
+                f" ({counted(self.incomplete_frames, 'frame')} arrived incomplete: "
                 "raise the receive buffer or lower packet_size)"
             )
             trigger = self._config.trigger
@@ -402,8 +403,8 @@ class AravisCamera(Camera):
         except (OSError, MemoryError) as error:  # a CameraError is tried again, and the camera is released
             count = self._config.buffers + self._borrowable_frames
             raise CameraError(
-                f"camera {self._config.address}: no memory for {count} buffers of {payload} B ({error}): "
-                "end other programs"
+                f"camera {self._config.address}: no memory for {counted(count, 'buffer')} of {payload} B "
+                f"({error}): end other programs"
             ) from None
         buffers += [Aravis.Buffer.new(payload, memory.address(slot)) for slot in range(len(memory))]
         self._slots = {hash(buffer): index for index, buffer in enumerate(buffers)}

@@ -16,6 +16,7 @@ from acquire.camera.base import Camera, CameraInfo
 from acquire.clock.clock import Clock, DeviceClockMapper
 from acquire.clock.reading import ClockReading
 from acquire.errors import CameraError, CameraLost
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from acquire.frames.frame import Frame
@@ -254,7 +255,7 @@ class CameraStream:
 
     def _report_losses(self) -> None:
         if lost := self._lost - self._lost_reported:
-            self._on_text(f"{lost} frames lost before frame {self._sequence}, {self._lost} in all")
+            self._on_text(f"{counted(lost, 'frame')} lost before frame {self._sequence}, {self._lost} in all")
             self._lost_reported, self._reported_ns = self._lost, self._clock.monotonic_ns()
 
     def _mapped(self, frame: Frame, *, first: bool) -> Frame:

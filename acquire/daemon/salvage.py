@@ -15,6 +15,7 @@ from pathlib import Path
 from acquire.errors import RecorderError
 from acquire.recorder.frame_times import FrameTimes
 from acquire.recorder.writer import PART_SUFFIX
+from schemas.wording import counted
 
 _NICENESS = 10
 """niceness of the recovery, below the capture process, with which it may share a core"""
@@ -93,7 +94,7 @@ class Salvage:
                 reports.append(f"{part.name} could not be rebuilt: {error}")
                 continue
             kept.append(whole)
-            reports.append(f"{whole.name} is complete: {times.frames} frames{more}")
+            reports.append(f"{whole.name} is complete: {counted(times.frames, 'frame')}{more}")
             frames += times.frames
             lost += times.lost
             last_ns = times.last_ns or last_ns
@@ -101,7 +102,7 @@ class Salvage:
             gap_s = (next_ns - last_ns) * 1e-9
             missing = max(0, round(gap_s * self._rate) - 1)
             lost += missing
-            reports.append(f"after it {missing} frames are lost ({gap_s:.1f} s)")
+            reports.append(f"after it {counted(missing, 'frame', 'is')} lost ({gap_s:.1f} s)")
         self._found = Salvaged(tuple(kept), frames, lost, "; ".join(reports) or self._found.text)
         self._on_end(self._found)
 
@@ -134,8 +135,8 @@ class Salvage:
         if report["anything_damaged"]:
             records, outside = report["damaged_records"], report["skipped_bytes"]
             return (
-                f", {part.name} is kept: it holds {records} damaged records and {outside} bytes outside any "
-                "record"
+                f", {part.name} is kept: it holds {counted(records, 'damaged record')} and "
+                f"{counted(outside, 'byte')} outside any record"
             )
         part.unlink()
         return ""

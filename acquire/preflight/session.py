@@ -29,6 +29,7 @@ from acquire.preflight.disk import Disk, check_disk
 from acquire.preflight.servo import SERVO_LINES, ReadServo, check_held_servo, check_servo, read_servo
 from acquire.preflight.video import DaemonCapture, OwnCapture, VideoSource
 from schemas.rig import RigConfig
+from schemas.wording import counted
 
 LINES = (
     "rig file",
@@ -203,7 +204,8 @@ def _check_held_camera(daemon: RunningDaemon, rig: RigConfig) -> Iterator[Check]
     yield passed_check("camera", "held by the daemon")
     yield skipped_check("camera settings", "the daemon set them when it started")
     found = (
-        f"{fps:.1f} Hz of {rig.camera.frame_rate_hz:g} Hz set, {lost} frames lost since the daemon started"
+        f"{fps:.1f} Hz of {rig.camera.frame_rate_hz:g} Hz set, {counted(lost, 'frame')} lost since "
+        "the daemon started"
     )
     slow = abs(fps - rig.camera.frame_rate_hz) > 0.05 * rig.camera.frame_rate_hz
     yield (

@@ -28,6 +28,7 @@ from acquire.session.session_report import SessionReport
 from acquire.striker.base import StrikerState
 from schemas.strike_plan import PlannedStrike
 from schemas.watch_lines import StrikeVerdict, WatchEvent
+from schemas.wording import counted
 
 POSE_TIMEOUT_S = 8.0
 """time for the object to come to rest and be seen after it was placed [s]"""
@@ -144,7 +145,7 @@ class SessionRunner:
         if self._ordered:
             unjudged = self._ordered - self._kept
             more = f", and {unjudged} without a verdict" if unjudged else ""
-            self._report(f"kept: {self._kept} strikes{more} in {names}")
+            self._report(f"kept: {counted(self._kept, 'strike')}{more} in {names}")
             return
         for path in files:
             path.unlink(missing_ok=True)

@@ -11,6 +11,7 @@ import numpy as np
 from analyze.api.tables import data_frame, html_table, text_table
 from analyze.pipeline.evidence import Evidence
 from analyze.pipeline.read_evidence import read_evidence, read_head
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -85,7 +86,10 @@ class Strike:
     def __repr__(self) -> str:
         """One line: id, pivot edge, verdict, number of frames and balance angle phi."""
         fit = "no fit" if self.fit is None else f"phi {np.degrees(self.fit.phi):.2f}°"
-        return f"Strike({self.id!r}, axis {self.axis_id}, {self.verdict}, {len(self.time)} frames, {fit})"
+        return (
+            f"Strike({self.id!r}, axis {self.axis_id}, {self.verdict}, "
+            f"{counted(len(self.time), 'frame')}, {fit})"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Strike as a dict of JSON values in SI units; values of the fit are None if there is no fit.
@@ -204,7 +208,7 @@ class Recording:
         """One line: file, object, mass, number of strikes and up to twelve ids; tracks no marker."""
         ids = ", ".join(self.strike_ids[:12]) + (", ..." if len(self.strike_ids) > 12 else "")
         mass = f"{1e3 * self.object.mass_kg:.1f} g"
-        strikes = f"{len(self.strike_ids)} strikes: {ids}"
+        strikes = f"{counted(len(self.strike_ids), 'strike')}: {ids}"
         return f"Recording({str(self.path)!r}: {self.object.name}, {mass}, {strikes})"
 
     def _repr_html_(self) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 
 from analyze.api.tables import data_frame, html_table, text_table
 from analyze.verbs.plan.plan_object import write_plan
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -65,7 +66,8 @@ class Plan:
     def __repr__(self) -> str:
         """Text of the plan: object, number of strikes, and a table with one strike per line."""
         return (
-            f"{self.document.object_name}, {len(self.document.strikes)} strikes\n{text_table(self._rows())}"
+            f"{self.document.object_name}, "
+            f"{counted(len(self.document.strikes), 'strike')}\n{text_table(self._rows())}"
         )
 
     def _repr_html_(self) -> str:

@@ -17,6 +17,7 @@ from rich.table import Table
 from analyze.errors import ArchiveError
 from schemas.output_file import write_bytes
 from schemas.terminal import Terminal
+from schemas.wording import counted
 
 SIGNIFICANT_DIGITS = 6
 UNLIMITED_WIDTH = 10_000
@@ -44,7 +45,7 @@ def print_answer(answer: pa.Table, form: str) -> None:
         table.add_row(*(_cell(value) for value in row.values()))
     console = plain_console()
     console.print(table)
-    console.print(f"{answer.num_rows} {'row' if answer.num_rows == 1 else 'rows'}")
+    console.print(counted(answer.num_rows, "row"))
 
 
 def plain_console() -> Terminal:

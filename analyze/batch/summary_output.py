@@ -17,6 +17,7 @@ from analyze.errors import ArchiveError
 from analyze.report.page import page_environment
 from schemas.output_file import write_text
 from schemas.terminal import Terminal
+from schemas.wording import counted
 
 SUFFIXES = (".html", ".csv", ".parquet")
 _TYPES = {"str": pa.string(), "int": pa.int64(), "float": pa.float64()}
@@ -51,8 +52,8 @@ def render_summary(summary: Summary) -> None:
     for name, sha256, sessions, _, _, stated in summary.objects:
         if 0 < stated < sessions:
             console.print(
-                f"{name} ({sha256[:8]}): in {stated} of {sessions} sessions the frame times come from no "
-                "rig's clock (time_source)"
+                f"{name} ({sha256[:8]}): in {stated} of {counted(sessions, 'session')} the frame times "
+                "come from no rig's clock (time_source)"
             )
     if summary.repeated:
         console.print("\nRepeatability from session to session (n sessions; scatter and stated: 1 sd)")
@@ -88,7 +89,7 @@ def _compact_table(title: str, width: int | None = None) -> Table:
 def _print_failures(console: Terminal, summary: Summary) -> None:
     """Print a table of the recordings without a result by kind of failure, or one line if none failed."""
     if not summary.failures:
-        console.print(f"{summary.recordings} recordings, none failed")
+        console.print(f"{counted(summary.recordings, 'recording')}, none failed")
         return
     table = Table(title="No result", title_justify="left")
     table.add_column("why")
@@ -131,8 +132,8 @@ def stands_out_text(each: Repeated) -> str:
     _, scatter, stated, _, drift = cells(each)
     drifts = f" by {drift} a day" if each.stands_out.endswith("drifts") else ""
     return (
-        f"{each.stands_out}{drifts} (scatter {scatter}, stated {stated} {each.unit}, {each.sessions} "
-        "sessions)"
+        f"{each.stands_out}{drifts} (scatter {scatter}, stated {stated} {each.unit}, "
+        f"{counted(each.sessions, 'session')})"
     )
 
 

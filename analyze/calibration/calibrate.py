@@ -17,6 +17,7 @@ from analyze.calibration.precision import pixel_sd
 from analyze.calibration.solve import MEDIAN_CHI, Bundle, refine_bundle, solve
 from analyze.calibration.straight import refit
 from analyze.calibration.verdict import coverage, doubts, tilt, undetermined
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -301,7 +302,7 @@ def _without_outliers(
     for shot, each, away in zip(shots, good, bad, strict=True):
         off = int(np.count_nonzero(~each))
         if away:
-            why = f"{off} of its {len(each)} corners lie off: it moved, or the board was bent"
+            why = f"{off} of its {counted(len(each), 'corner')} lie off: it moved, or the board was bent"
             left.append(Dropped(shot.name, why))
         else:
             kept.append(replace(shot, view=shot.view.only(each)))

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from schemas.wording import counted
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -99,8 +101,8 @@ def undetermined(
     found: list[str] = []
     if len(tilts) < MIN_VIEWS:
         found.append(
-            f"only {len(tilts)} views fit one lens, at least {MIN_VIEWS} are needed, 15 are good:"
-            " add views with the board held still"
+            f"only {counted(len(tilts), 'view', 'fits')} one lens, at least {MIN_VIEWS} are needed, 15 "
+            "are good: add views with the board held still"
         )
     names = dict(zip(lens.names, zip(lens.numbers, sd, strict=True), strict=True))
     focal, focal_sd = max((names["fx"], names["fy"]), key=lambda each: each[1] / each[0])

@@ -22,6 +22,7 @@ from analyze.tags.families import ON_BOARDS
 from analyze.tags.sheet import Board
 from schemas.rig import RigConfig
 from schemas.session_manifest import LensModel
+from schemas.wording import counted
 
 MAX_BLUR_RATIO = 2.0
 """blur of a view, relative to the median of all views, above which it is left out"""
@@ -98,7 +99,8 @@ class CalibrationAnswer:
         if self.calibration.undetermined:
             used = len(self.calibration.shots)
             raise CalibrationError(
-                f"{used} views do not determine the lens: {'; '.join(self.calibration.undetermined)}"
+                f"{counted(used, 'view', 'does')} not determine the lens: "
+                f"{'; '.join(self.calibration.undetermined)}"
             )
 
 
@@ -203,7 +205,7 @@ def _no_board(looked_at: int, some: Sequence[Image], board: Board) -> str:
         some: grey values of some of them, in which other families are searched for.
         board: the board that was expected.
     """
-    what = "the image shows" if looked_at == 1 else f"none of {looked_at} images shows"
+    what = "the image shows" if looked_at == 1 else f"none of {counted(looked_at, 'image')} shows"
     none = "no board" if looked_at == 1 else "a board"
     others: Counter[str] = Counter()
     for image in some:
@@ -212,7 +214,7 @@ def _no_board(looked_at: int, some: Sequence[Image], board: Board) -> str:
     # that boards are printed with.
     likely = max(others, key=lambda family: (others[family], family == ON_BOARDS), default=None)
     if likely is not None and others[likely] >= 3:
-        seen = f"but {others[likely]} tags of {likely}: try --family {likely}"
+        seen = f"but {counted(others[likely], 'tag')} of {likely}: try --family {likely}"
         return f"{what} {none} with tags of {board.family}, {seen}"
     return (
         f"{what} {none} with tags of {board.family}: the board must be in focus, evenly lit and a third of "
@@ -262,16 +264,11 @@ def _too_few_views(views: int, images: int, left_out: Mapping[str, int]) -> str:
         left_out: number of images left out, by reason, in words that continue such a number.
     """
     reasons = [f"{count} {reason}" for reason, count in left_out.items() if count]
-    found = f"{_counted(views, 'view')} of the board from {_counted(images, 'image')}"
+    found = f"{counted(views, 'view')} of the board from {counted(images, 'image')}"
     why = f" ({', '.join(reasons)})" if reasons else ""
     return (
         f"{found}{why}: at least {MIN_VIEWS} are needed, 15 are good: add views from other places and tilts"
     )
-
-
-def _counted(count: int, noun: str) -> str:
-    """Number and noun as text, such as "1 view" or "3 views"."""
-    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 # --- views
@@ -349,7 +346,8 @@ def _place(options: CalibrateOptions, table: Path, found: Calibration) -> Camera
     view = None if sight.another_layout else find_corners(image, options.board, sight)
     if view is None:
         raise CalibrationError(
-            f"{table}: shows too little of the board ({len(sight.tags)} tags): lay it where the camera looks "
+            f"{table}: shows too little of the board ({counted(len(sight.tags), 'tag')}): lay it where "
+            "the camera looks "
             "down on it, or stand it up, facing the camera (--upright); videos to import need no --table: "
             "`analyze import` finds the camera's pose from the object at rest"
         )

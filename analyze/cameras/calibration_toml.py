@@ -14,6 +14,7 @@ from schemas.document import validate
 from schemas.output_file import write_text
 from schemas.session_manifest import CameraCalibrationSpec
 from schemas.toml_table import with_table
+from schemas.wording import counted
 
 TABLE = "camera.calibration"
 """name of the rig file's table with the calibration"""
@@ -71,7 +72,10 @@ def write_calibration(answer: CalibrationAnswer, output: Path) -> None:
         OutputError: the file cannot be written.
     """
     found, board = answer.calibration, answer.options.board
-    what = f"{len(found.shots)} views of ChArUco {board.columns}x{board.rows}, squares {board.square_mm:g} mm"
+    what = (
+        f"{counted(len(found.shots), 'view')} of ChArUco {board.columns}x{board.rows}, squares "
+        f"{board.square_mm:g} mm"
+    )
     lines = [
         f"# analyze calibrate: {what}; pixels known to {found.pixels.worst:.2g} px at worst",
         "# Replace the rig file's [camera.calibration] with this table.",

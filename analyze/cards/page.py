@@ -22,6 +22,7 @@ from analyze.planning.footing import IF_IT_FALLS
 from schemas.object_spec import ObjectSpec
 from schemas.output_file import write_text
 from schemas.strike_plan import PlannedStrike, StrikePlan
+from schemas.wording import counted
 
 MIN_OFFSET_M = 0.0005
 """Offset [m] of the impact from the mark on the pivot line above which a card states it; our own plans strike
@@ -147,6 +148,7 @@ def _template() -> Template:
     environment = Environment(
         loader=PackageLoader("analyze.cards"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
+    environment.globals["counted"] = counted
     return environment.get_template("cards.html")
 
 

@@ -11,6 +11,7 @@ from analyze.geometry.object_model import ObjectModel
 from analyze.types import Array, tensor_entry_name
 from schemas.object_spec import ObjectSpec
 from schemas.result import Result
+from schemas.wording import counted
 
 MAX_NAMED = 3
 """largest number of edges named"""
@@ -62,7 +63,7 @@ def _remedy_text(found: AdditionalEdges, missing: int) -> str:
     if not found.axes:
         return f"no edge of this object would measure them: {otherwise}"
     named = [f"{axis.id} (along {_along(axis.direction)})" for axis in found.axes[:MAX_NAMED]]
-    many = f"; {len(found.axes) - MAX_NAMED} edges more" if len(found.axes) > MAX_NAMED else ""
+    many = f"; {counted(len(found.axes) - MAX_NAMED, 'edge')} more" if len(found.axes) > MAX_NAMED else ""
     edges = f"tips over {'edge' if len(named) == 1 else 'edges'} {', '.join(named)}{many}"
     if not found.unreachable:
         return f"{edges} would measure {'it' if missing == 1 else 'them'}: plan with --given, or {otherwise}"

@@ -9,6 +9,7 @@ import click
 from rich.table import Table
 
 from schemas.terminal import Terminal
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from analyze.importing.prepared_import import PreparedImport
@@ -50,7 +51,7 @@ def render_import(prepared: PreparedImport) -> list[str]:
         checked = (
             "1 strike, without a check by others"
             if views == 1
-            else f"{views} strikes, which agree within {scatter} (rms)"
+            else f"{counted(views, 'strike')}, which agree within {scatter} (rms)"
         )
         click.echo(f"the camera's pose comes from the object at rest in {checked}")
     return _remark(prepared.remarks())
@@ -66,8 +67,8 @@ def render_written(written: Written, shown: list[str]) -> None:
     _remark([remark for remark in written.remarks if remark not in shown])
     size = f"{written.size / 1e6:.1f} MB"
     click.echo(
-        f"written: {written.path}: {written.strikes} strikes, {written.images} images, {size}; next: "
-        f"`analyze estimate {written.path}`"
+        f"written: {written.path}: {counted(written.strikes, 'strike')}, "
+        f"{counted(written.images, 'image')}, {size}; next: `analyze estimate {written.path}`"
     )
 
 
@@ -89,7 +90,7 @@ def _note(prepared: PreparedImport, clip: Clip, window: StrikeWindow) -> str:
         return why if clip.last_ns is not None else ""
     notes: list[str] = []
     if len(clip.onsets) > 1 and not prepared.was_split:
-        notes.append(f"{len(clip.onsets)} tips are seen: the first is used")
+        notes.append(f"{counted(len(clip.onsets), 'tip', 'is')} seen: the first is used")
     planned = next(strike for strike in prepared.plan.strikes if strike.id == window.plan_strike_id)
     if planned.visible_markers and not set(planned.visible_markers) & set(window.onset.markers):
         expected = ", ".join(str(name) for name in planned.visible_markers)

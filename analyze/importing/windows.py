@@ -9,6 +9,7 @@ from pathlib import Path
 
 from analyze.errors import ImportRefused
 from analyze.importing.onsets import Onset
+from schemas.wording import counted
 
 SKIPPED = "-"
 """value of the option --strike, in place of an id, that leaves a strike out"""
@@ -109,14 +110,14 @@ def one_window_per_clip(
     names = [clip.path.stem for clip in clips]
     if not strike_ids and len(clips) > len(planned) and not set(names) <= set(planned):
         raise ImportRefused(
-            f"{len(clips)} sources, but the plan has {len(planned)} strikes: name each with --strike ID, in "
-            "order"
+            f"{counted(len(clips), 'source')}, but the plan has {counted(len(planned), 'strike')}: name "
+            "each with --strike ID, in order"
         )
     ids = list(strike_ids) or (names if set(names) <= set(planned) else list(planned))
     if strike_ids and len(strike_ids) != len(clips):
         raise ImportRefused(
-            f"{len(strike_ids)} times --strike for {len(clips)} sources: give one for each, in their order, "
-            f"{SKIPPED} to leave one out"
+            f"{len(strike_ids)} times --strike for {counted(len(clips), 'source')}: give one for each, in "
+            f"their order, {SKIPPED} to leave one out"
         )
     _refuse_unknown(ids, planned)
     first = [(number, clip.onsets[0] if clip.onsets else None) for number, clip in enumerate(clips)]
@@ -143,13 +144,13 @@ def split_clip(clip: Clip, planned: Sequence[str], strike_ids: Sequence[str]) ->
         raise ImportRefused(f"{clip.path}: no strike is found in it: {clip.why_no_strike}")
     if not strike_ids and found != len(planned):
         raise ImportRefused(
-            f"{clip.path}: shows {found} strikes (at {at} s), the plan has {len(planned)}: name each with "
-            f"--strike ID, in order, {SKIPPED} to leave one out"
+            f"{clip.path}: shows {counted(found, 'strike')} (at {at} s), the plan has {len(planned)}: "
+            f"name each with --strike ID, in order, {SKIPPED} to leave one out"
         )
     if strike_ids and len(strike_ids) != found:
         raise ImportRefused(
-            f"{clip.path}: shows {found} strikes (at {at} s), but --strike is given {len(strike_ids)} times: "
-            "give one for each"
+            f"{clip.path}: shows {counted(found, 'strike')} (at {at} s), but --strike is given "
+            f"{len(strike_ids)} times: give one for each"
         )
     ids = list(strike_ids) or list(planned)
     _refuse_unknown(ids, planned)

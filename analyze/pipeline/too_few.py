@@ -12,6 +12,7 @@ from analyze.reading.planned_strikes import planned_strikes
 from analyze.types import TipMotion
 from schemas.strike_plan import StrikePlan
 from schemas.strike_result import Verdict
+from schemas.wording import counted
 
 
 def too_few_text(
@@ -55,7 +56,4 @@ def too_few_text(
         else "strike again"
     )
     why = f" ({'; '.join(reasons)})" if reasons else ""
-    return (
-        f"{left} good {'strike' if left == 1 else 'strikes'} of {len(motions)}, {needed} are needed{why}:"
-        f" {remedy}"
-    )
+    return f"{counted(left, 'good strike')} of {len(motions)}, {needed} are needed{why}: {remedy}"

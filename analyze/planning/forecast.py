@@ -14,6 +14,7 @@ import numpy as np
 from analyze.planning.design import Design, choose_design
 from analyze.planning.information import COM, INERTIA, MASS, Candidate, Information, moment_row
 from analyze.types import TENSOR_ENTRIES, Array
+from schemas.wording import counted
 
 MIN_GAIN_PER_DOUBLING = 0.10
 """Relative decrease of c's error, for each doubling of the number of strikes, above which more strikes
@@ -223,7 +224,7 @@ def advice(
     worst = next(name for name in ordered if name in REMEDIES)
     parts = ", ".join(f"{name} {1000 * sources[name]:.2f} mm" for name in ordered[:4] if sources[name] > 0)
     head = (
-        f"c to {1000 * design.com_rms:.2f} mm with {planned} {'more ' if made else ''}{_strikes(planned)} "
+        f"c to {1000 * design.com_rms:.2f} mm with {counted(planned, 'more strike' if made else 'strike')} "
         f"({parts})"
     )
     if stop:
@@ -236,9 +237,7 @@ def advice(
     else:
         text = head if made else f"{head}; {further} more would reach {1000 * twice:.2f} mm"
     if made:
-        so_far = (
-            f"the {made} {_strikes(made)} so far {'gives' if made == 1 else 'give'} c to {1000 * rms:.2f} mm"
-        )
+        so_far = f"the {counted(made, 'strike', 'so far gives')} c to {1000 * rms:.2f} mm"
         text = f"{so_far}: stop striking. {text}" if stop else f"{so_far}; {text}"
     return Advice(tuple(curve), floor, sources, stop, text)
 
@@ -250,10 +249,6 @@ def error_so_far(information: Information) -> float:
     next, its candidates, do not matter.
     """
     return _rms(information, [], [])
-
-
-def _strikes(many: int) -> str:
-    return "strike" if many == 1 else "strikes"
 
 
 def _remedy(cause: str, exact_shape: bool) -> str:

@@ -39,6 +39,7 @@ from schemas.strike_plan import (
     StrikePlan,
     StrikerPrior,
 )
+from schemas.wording import counted
 
 ENERGY_RANGE = (0.8, 1.6)
 """Energy ratios E for the smallest and the largest phi, which give the range of tip speeds."""
@@ -95,7 +96,7 @@ def plan_strikes(
     information = prepared.information
     if request.strikes < design.MIN_STRIKES and not prepared.made:
         raise PlanError(
-            f"{spec.name}: {request.strikes} strikes cannot determine the centre of mass: ask for "
+            f"{spec.name}: {counted(request.strikes, 'strike')} cannot determine the centre of mass: ask for "
             f"{design.MIN_STRIKES} or more"
         )
     chosen, missed = _chosen(prepared, request, so_far)
@@ -211,9 +212,9 @@ def _chosen(prepared: PreparedObject, request: PlanRequest, so_far: Information)
         return plain, ""
     best = design.choose_design(information, most, request.most_axes) or plain
     advice = forecast.advice(information, plain, prepared.made, model.primitive is not None, so_far)
-    where = "" if request.most_axes is None else f" on at most {request.most_axes} axes"
+    where = "" if request.most_axes is None else f" on at most {counted(request.most_axes, 'axis')}"
     text = (
-        f"{1000 * request.target_com:g} mm is out of reach: {most} strikes{where} reach "
+        f"{1000 * request.target_com:g} mm is out of reach: {counted(most, 'strike')}{where} reach "
         f"{1000 * best.com_rms:.3g} mm; these {sum(plain.repeats)}: {advice.text}"
     )
     return plain, text

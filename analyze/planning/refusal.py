@@ -14,6 +14,7 @@ from analyze.planning.rejections import rejection_summary
 from analyze.planning.stable_planes import RestingPlane
 from analyze.types import Array
 from schemas.strike_plan import Rejection
+from schemas.wording import counted
 
 MAX_BALL_SPREAD = 0.08
 """Relative spread of the hull's widths over all directions below which the object is a ball."""
@@ -141,7 +142,8 @@ def _shape_message(
             else f"it has no flat face to rest on, it rolls: put it on a stand, or {FOOT}"
         )
     return (
-        f"it rests on {len(stable)} faces, but none has an edge beside the centre of mass to tip over: {FOOT}"
+        f"it rests on {counted(len(stable), 'face')}, but none has an edge beside the centre of mass "
+        f"to tip over: {FOOT}"
     )
 
 

@@ -24,6 +24,7 @@ from analyze.types import Array, CameraModel
 from schemas.object_spec import MarkerSpec, ObjectSpec
 from schemas.output_file import OutputError, refuse_unwritable
 from schemas.strike_plan import StrikePlan
+from schemas.wording import counted
 
 STRIKE = "strike"
 """Name of the timeline of the cards; its step 1 is the first strike."""
@@ -57,7 +58,7 @@ def write_card_scenes(
     try:
         with rr.RecordingStream(_APPLICATION, recording_id=f"plan-{plan.object_sha256}") as stream:
             stream.save(part, default_blueprint=_layout(model))
-            stream.send_recording_name(f"{plan.object_name}: {len(plan.strikes)} strikes")
+            stream.send_recording_name(f"{plan.object_name}: {counted(len(plan.strikes), 'strike')}")
             log_scenes(stream, plan, model, spec, camera)
             stream.flush()
             stream.disconnect()

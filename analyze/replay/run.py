@@ -24,6 +24,7 @@ from analyze.replay.session_scene import LOGGED_TOPICS, send_event, send_health
 from analyze.replay.source import open_readable_part
 from analyze.replay.timelines import Timelines
 from analyze.replay.viewer import ReplayError
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -194,7 +195,7 @@ def _finish(recording: Recording, sender: Sender, target: Target, progress: Prog
     target.sent(sender.timelines.stream)
     problems = sender.no_answer
     if sender.damage:
-        problems = [f"{sender.damage[0]} (replayed as far as it can be read: {count} strikes)"]
+        problems = [f"{sender.damage[0]} (replayed as far as it can be read: {counted(count, 'strike')})"]
     return ReplayResult(problems, sender.shown_moment_s())
 
 

@@ -16,6 +16,7 @@ from analyze.replay.palette import CYCLE, RED, SESSION, SKY, STRIKER
 from analyze.replay.timelines import contact_of, strike_path
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -126,7 +127,7 @@ def send_health(timelines: Timelines, recording: Recording) -> None:
         style = rr.SeriesLines(colors=[SKY], names=["camera to host, sd"], widths=[1.5])
         timelines.send_curve("/session/clock/mapping", time_ns[kept], None, 1e-3 * mapping[kept], style)
         words.append(
-            f"- camera {name}: {len(found)} frames, **{int(total[-1])} lost**; time accurate to "
+            f"- camera {name}: {counted(len(found), 'frame')}, **{int(total[-1])} lost**; time accurate to "
             f"{1e-3 * np.median(mapping):.0f} µs (1 sd)"
         )
     clocks: dict[str, list[tuple[int, int, int]]] = {}
@@ -142,7 +143,7 @@ def send_health(timelines: Timelines, recording: Recording) -> None:
         )
         timelines.send_curve(path, time_ns, None, 1e-3 * deviation, style)
         words.append(
-            f"- clock {clock}: {len(samples)} samples, drift {drift:+.1f} ppm, "
+            f"- clock {clock}: {counted(len(samples), 'sample')}, drift {drift:+.1f} ppm, "
             f"{1e-3 * np.std(deviation):.0f} µs rms deviation from a straight line"
         )
     timelines.log_static("/session/text", rr.TextDocument("\n".join(words), media_type="text/markdown"))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.least_squares.intervals import SIGMAS_95
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -39,7 +40,7 @@ def answer_text(name: str, result: Result) -> str:
     ]
     if result.regions is not None:
         lines += [_row(f"mass: {region.name}", region.mass, 1e3, "g", 1) for region in result.regions.regions]
-    lines += ["", f"{used} of {len(result.strikes)} strikes used.", ""]
+    lines += ["", f"{used} of {counted(len(result.strikes), 'strike')} used.", ""]
     lines += [f"- {sentence}" for sentence in (result.verdict or [])[1:]]
     lines += [f"- *{warning.text}*" for warning in result.warnings]
     return "\n".join(lines)
@@ -54,9 +55,9 @@ def waiting_text(name: str, done: int, total: int | None) -> str:
         total: number of strikes in all; None while the session is running.
     """
     far = (
-        f"{done} of {total} strikes measured."
+        f"{done} of {counted(total, 'strike')} measured."
         if total is not None
-        else f"{done} strikes so far; the session is still running."
+        else f"{counted(done, 'strike')} so far; the session is still running."
     )
     return f"# {name}\n\n**No answer yet.** {far}"
 

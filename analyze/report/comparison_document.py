@@ -22,6 +22,7 @@ from schemas.comparison import Comparison, QuantityPrecision, SessionAnswer, Ses
 from schemas.quantity import Quantity
 from schemas.result import RegionResult
 from schemas.strike_result import Verdict
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from analyze.estimation.agreement import Agreement
@@ -225,7 +226,10 @@ def _verdict(compared: SessionComparison, precisions: Sequence[QuantityPrecision
         f" {p_value_text(compared.p_value)}"
     )
     if compared.may_merge:
-        yield f"trust that all {count} sessions have one centre of mass ({significance}): they may be merged"
+        yield (
+            f"trust that all {counted(count, 'session', 'has')} one centre of mass ({significance}): "
+            "they may be merged"
+        )
     else:
         apart = f"centres of mass lie up to {1e3 * compared.together.largest_shift:.2g} mm apart"
         yield (

@@ -17,6 +17,7 @@ from analyze.report.page import figure_element, manifest_time, page_environment
 from analyze.report.summary import DEGREES, GRAM_CM2
 from schemas.document import canonical_json
 from schemas.output_file import write_text
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -104,7 +105,7 @@ def comparison_summary(document: Comparison) -> str:
     ]
     odd = next((number for number, session in enumerate(document.sessions, 1) if session.stands_out), None)
     agree = "agree" if document.may_join else "do not agree"
-    text = f"The {len(document.sessions)} sessions {agree}" + (
+    text = f"The {counted(len(document.sessions), 'session')} {agree}" + (
         f"; session {odd} stands out" if odd is not None else ""
     )
     return f"{text}. The centre of mass repeats to {' and '.join(parts)}."

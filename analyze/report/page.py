@@ -12,6 +12,7 @@ from markupsafe import Markup, escape
 
 from analyze.report.style import svg
 from analyze.report.summary import DEGREES, GRAM_CM2, open_interval, with_interval
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,6 +27,7 @@ def page_environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("analyze.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
+    environment.globals["counted"] = counted
     environment.filters.update(
         deg=partial(with_interval, factor=DEGREES, digits=3),
         inertia=partial(with_interval, factor=GRAM_CM2, digits=0),

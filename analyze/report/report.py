@@ -28,6 +28,7 @@ from analyze.result.tilt import tilt_lines
 from schemas.output_file import write_text
 from schemas.quantity import Quantity
 from schemas.strike_result import StrikeResult, Verdict
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from analyze.estimation.mass_properties import MassDistribution
@@ -149,8 +150,8 @@ def answer_summary(answer: Answer) -> str:
     half = 1e3 * SIGMAS_95 * np.sqrt(np.linalg.eigvalsh(com.covariance)[-1])
     axes = len({plane.axis_id for plane in estimate.planes})
     count = (
-        f"{len(estimate.planes)} of {len(result.strikes)} strikes on {axes} {'axis' if axes == 1 else 'axes'}"
-        " were used."
+        f"{len(estimate.planes)} of {counted(len(result.strikes), 'strike')} on {counted(axes, 'axis')} "
+        "were used."
     )
     if not com.observed:
         return (

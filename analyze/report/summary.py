@@ -15,6 +15,7 @@ from analyze.result.tilt import tilt_lines
 from schemas.quantity import Quantity
 from schemas.result import Filling, Parts, Result
 from schemas.terminal import Terminal, styled
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,7 +42,7 @@ def render_summary(answer: Answer, console: Terminal | None = None) -> None:
     which = (
         f"recording {result.inputs.recording_id}"
         if len(recordings) == 1
-        else f"{len(recordings)} recordings:"
+        else f"{counted(len(recordings), 'recording')}:"
     )
     console.print(
         styled((estimate.evidence.spec.name, "bold"), f", {1e3 * estimate.inertial.mass:.1f} g, {which}")
@@ -50,7 +51,7 @@ def render_summary(answer: Answer, console: Terminal | None = None) -> None:
         if len(recordings) > 1:
             console.print(f"  {number}: {', '.join(recording.files)}, begun {recording.manifest.created}")
         elif len(recording.files) > 1:
-            console.print(f"in {len(recording.files)} files: {', '.join(recording.files)}")
+            console.print(f"in {counted(len(recording.files), 'file')}: {', '.join(recording.files)}")
     console.print(f"centre of mass (x, y, z) = {com_text(result.centre_of_mass)}")
     for line in [
         *tilt_lines(result),

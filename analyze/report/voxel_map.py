@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from analyze.report.plots import VIEWS
 from analyze.report.style import DENSITY_MAP, style
 from schemas.output_file import write_text
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -76,8 +77,8 @@ def voxel_map_text(voxels: VoxelMap) -> str:
     text = (
         "The most uniform distribution with the measured moments, one of many that fit (bounded maximum "
         f"entropy around {1e-3 * voxels.prior:.2g} g/cm³ everywhere). {voxels.directions} of its "
-        f"{len(voxels.points)} numbers were measured: of the prior variance of each octant's mass, the "
-        f"moments remove {low:.0f} to {high:.0f} %. The rest of the picture is the prior."
+        f"{counted(len(voxels.points), 'number', 'was')} measured: of the prior variance of each octant's "
+        f"mass, the moments remove {low:.0f} to {high:.0f} %. The rest of the picture is the prior."
     )
     if voxels.misfit > _MAX_MISFIT:
         text += (

@@ -15,6 +15,7 @@ from analyze.report.style import BLUE, GREEN, INK, MUTED, ORANGE, style
 from analyze.reproduce.cube_tosses import EDGE_M, GRAVITY_M_S2, MASS_KG, CubeAnswer
 from analyze.reproduce.cube_tosses_document import distance_sd
 from schemas.terminal import Terminal
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,7 +41,7 @@ def render_cube(answer: CubeAnswer, console: Terminal | None = None) -> None:
     console = console or Terminal()
     table = Table(
         title=f"{answer.tosses} tosses of a real cube, {1e3 * EDGE_M:.1f} mm, {MASS_KG:g} kg"
-        f" ({answer.frames} frames)"
+        f" ({counted(answer.frames, 'frame')})"
     )
     for heading in ("± is 95 %", "free flight", "edge contact", "corner contact"):
         table.add_column(heading, justify="left" if "±" in heading else "right")

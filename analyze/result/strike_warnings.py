@@ -14,6 +14,7 @@ from analyze.result.agreements import disagreement_texts
 from analyze.result.warning_text import names_text, warning
 from schemas.result import ResultWarning, WarningCode
 from schemas.strike_result import Verdict
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -145,5 +146,5 @@ def tracking_warnings(evidence: Evidence) -> Iterator[ResultWarning]:
         if lost:
             yield warning(
                 WarningCode.FRAMES_LOST,
-                f"strike {strike_id}: {lost} frames were lost during its recording",
+                f"strike {strike_id}: {counted(lost, 'frame', 'was')} lost during its recording",
             )

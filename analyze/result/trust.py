@@ -11,6 +11,7 @@ from analyze.estimation.what_ifs import WhatIf
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.types import TENSOR_ENTRIES, tensor_entry_name
 from schemas.robustness import AlternativeResult
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -125,7 +126,9 @@ def _com_text(estimate: Estimate) -> str:
             f" by {moved:.1f} mm"
         )
     predicted = len(estimate.predictions)
-    consistent = f"{sum(each.consistent for each in estimate.predictions)} of {predicted} strikes move as"
+    consistent = (
+        f"{sum(each.consistent for each in estimate.predictions)} of {counted(predicted, 'strike')} move as"
+    )
     return f"trust the centre of mass, to {1e3 * half:.1f} mm: " + (
         f"{consistent} predicted from the others" if predicted else "no strike can be checked by the others"
     )

@@ -23,6 +23,7 @@ from analyze.result.warning_text import names_text, warning
 from analyze.types import tensor_entry_name
 from schemas.result import FrameTimes, ResultWarning, WarningCode
 from schemas.session_manifest import TimeSource
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -112,7 +113,7 @@ def _choice_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
     if used < MIN_STRIKES_FOR_OUTLIERS:
         yield warning(
             WarningCode.FEW_STRIKES,
-            f"{used} strikes were used: an outlier among so few cannot be"
+            f"{counted(used, 'strike', 'was')} used: an outlier among so few cannot be"
             f" recognised: make {MIN_STRIKES_FOR_OUTLIERS} or more",
         )
 

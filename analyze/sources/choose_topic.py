@@ -7,6 +7,7 @@ from pathlib import Path
 from analyze.errors import ImportRefused
 from analyze.sources.message_files import LoggedTopic
 from analyze.sources.pictures import is_readable
+from schemas.wording import counted
 
 MAX_NAMED = 6
 """largest number of topics or types that a message names"""
@@ -33,7 +34,8 @@ def choose_topic(path: Path, topics: list[LoggedTopic], name: str | None) -> Log
             return images[0]
         if images:
             raise ImportRefused(
-                f"{path}: contains {len(images)} topics of images: choose one with --topic: {listed}"
+                f"{path}: contains {counted(len(images), 'topic')} of images: choose one with "
+                f"--topic: {listed}"
             )
         others = sorted({topic.schema or topic.encoding for topic in topics})
         held = ", ".join(others[:MAX_NAMED]) or "nothing"

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analyze.types import Array
+from schemas.wording import counted
 
 SAME_INTERVAL_FRACTION = 0.5
 """largest deviation of a one-frame interval from the median interval, relative to it"""
@@ -301,6 +302,6 @@ class MissingFrames:
         """
         if not self.frames:
             return None
-        where = f"in {self.places} places, the longest" if self.places > 1 else "once:"
+        where = f"in {counted(self.places, 'place')}, the longest" if self.places > 1 else "once:"
         longest = f"{self.longest_ns * 1e-9:.3f} s from {self.longest_at_ns * 1e-9:.3f} s on"
-        return f"{name}: {self.frames} frames are missing {where} {longest}"
+        return f"{name}: {counted(self.frames, 'frame', 'is')} missing {where} {longest}"

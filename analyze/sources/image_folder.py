@@ -19,6 +19,7 @@ from analyze.sources.frame_timing import usual_interval
 from analyze.sources.image_file import IMAGE_SUFFIXES, image_file
 from analyze.sources.source import TimedFile, TimedImage
 from schemas.session_manifest import TimeSource
+from schemas.wording import counted
 
 T = TypeVar("T")
 _NAME, _TIME = "name", "time_s"
@@ -63,7 +64,7 @@ class ImageFolder:
         there = [path.resolve() for path in self.path.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
         unnamed = sum(path not in named for path in there)
         return (
-            (f"{self.name}: left out {unnamed} of {len(there)} images, which {self._csv.name} does not name",)
+            (f"{self.name}: left out {unnamed} of {counted(len(there), 'image')}: not in {self._csv.name}",)
             if unnamed
             else ()
         )
@@ -166,7 +167,8 @@ def _read_times(path: Path, folder: Path) -> list[tuple[int, Path]]:
     found = _read_lines(path, folder)
     if len(found) < 2:
         raise ImportRefused(
-            f"{path}: names {len(found)} images: a strike needs more: name all images with their times"
+            f"{path}: names {counted(len(found), 'image')}: a strike needs more: name all images with "
+            "their times"
         )
     start = found[0][0]
     timed = [(round((time_s - start) * 10**9), image) for time_s, image in found]

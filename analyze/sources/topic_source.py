@@ -30,6 +30,7 @@ from analyze.sources.source import TimedFile, TimedImage
 from analyze.sources.video_units import video_units
 from schemas.mcap.records import ContainerError
 from schemas.session_manifest import CameraCalibrationSpec, TimeSource
+from schemas.wording import counted
 
 EXAMINED_MESSAGES = 200
 """number of first messages examined to choose between stamps and log times and to measure the frame rate"""
@@ -279,7 +280,7 @@ class TopicSource:
             yield each
         if behind:
             self._remarks["behind"] = (
-                f"{self.name}: {behind} images with a stamp earlier than a previous one are left out"
+                f"{self.name}: left out: {counted(behind, 'image')} with a stamp earlier than a previous one"
             )
 
     def _refuse_other_size(self, time_ns: int, width: int, height: int) -> None:
@@ -326,7 +327,7 @@ class TopicSource:
             )
         if len(found) < 2:
             raise ImportRefused(
-                f"{self.name}: contains {len(found)} images: a strike needs more: record it again"
+                f"{self.name}: contains {counted(len(found), 'image')}: a strike needs more: record it again"
             )
         self._by_header, self._start_ns, self._logged_ns = False, found[0][1], found[0][1]
         if self._is_video:
@@ -361,7 +362,8 @@ class TopicSource:
             raise ImportRefused(f"{self.name}: {error}") from None
         if first is None or len(shown) < MIN_DECODED_FRACTION * count:
             raise ImportRefused(
-                f"{self.name}: only {len(shown)} of its first {count} pictures can be decoded in the file's "
+                f"{self.name}: only {len(shown)} of its first {counted(count, 'picture')} can be decoded "
+                "in the file's "
                 "order: its messages were sorted by time, or some are missing: record it again without "
                 "B-frames"
             )

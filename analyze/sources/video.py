@@ -37,6 +37,7 @@ from analyze.sources.video_container import (
     wall_start_ns,
 )
 from schemas.session_manifest import TimeSource
+from schemas.wording import counted
 
 FILE_CODECS = {"mjpeg", "png"}
 """codecs whose pictures are image files, at most without tables"""
@@ -392,7 +393,9 @@ class VideoSource:
 
     def _note_damaged(self, frames: int) -> None:
         if frames:
-            self._remarks["damaged"] = f"{self.name}: {frames} frames cannot be decoded and are left out"
+            self._remarks["damaged"] = (
+                f"{self.name}: left out: {counted(frames, 'frame')} that cannot be decoded"
+            )
 
     def _note_count(self, frames: int, last_ns: int) -> None:
         """Add the remark "cut short" if the file ends before the frame count or duration that it states.
@@ -402,7 +405,7 @@ class VideoSource:
             last_ns: capture time of the last frame since the first [ns].
         """
         if self.frame_count and frames < self.frame_count:
-            self._note_cut(f": it has {frames} of {self.frame_count} frames")
+            self._note_cut(f": it has {frames} of {counted(self.frame_count, 'frame')}")
         elif self._stated_end_s is not None and last_ns * 1e-9 < self._stated_end_s:
             self._note_cut(f" at {last_ns * 1e-9:.2f} s")
 

@@ -11,6 +11,7 @@ from analyze.reading.object_file import read_spec
 from analyze.tags import families
 from analyze.tags.pdf import write_pdf
 from analyze.tags.sheet import Board, Page, Tag, board_page, parse_ids, refuse_impossible, tag_pages
+from schemas.wording import counted
 
 DEFAULT_SIZE_MM = 30.0
 """Default edge length [mm] of a tag's black square."""
@@ -72,7 +73,10 @@ def print_tags(options: PrintOptions, output: Path) -> str:
     write_pdf(pages, output)
     sizes = sorted({tag.size_mm for tag in tags})
     return _print_message(
-        output, f"{len(tags)} tags of {', '.join(f'{size:g}' for size in sizes)} mm", pages, options.paper
+        output,
+        f"{counted(len(tags), 'tag')} of {', '.join(f'{size:g}' for size in sizes)} mm",
+        pages,
+        options.paper,
     )
 
 
@@ -117,5 +121,5 @@ def _print_message(output: Path, contents: str, pages: Sequence[Page], paper: st
         pages: the pages.
         paper: name of the paper.
     """
-    sheets = f"{len(pages)} {'page' if len(pages) == 1 else 'pages'} {paper}"
+    sheets = f"{counted(len(pages), 'page')} {paper}"
     return f"{output}: {contents}; {sheets}: print at 100 %, then measure the rulers"

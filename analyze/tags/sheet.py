@@ -11,6 +11,7 @@ import numpy as np
 from analyze.errors import TagError
 from analyze.geometry.polyhedron import BoolArray
 from analyze.tags import families
+from schemas.wording import counted
 
 PAPERS = {"A4": (210.0, 297.0), "Letter": (215.9, 279.4)}
 """Width and height [mm] of each paper."""
@@ -249,7 +250,7 @@ def refuse_impossible(board: Board) -> None:
     needed = board.columns * board.rows // 2
     if needed > families.count(board.family):
         raise TagError(
-            f"a board of {board.columns}x{board.rows} needs {needed} tags, {board.family} has "
+            f"a board of {board.columns}x{board.rows} needs {counted(needed, 'tag')}, {board.family} has "
             f"{families.count(board.family)}: choose fewer squares, or another --family"
         )
     cell = board.marker_mm / len(families.cells(board.family, 0))

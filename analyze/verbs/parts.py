@@ -13,6 +13,7 @@ import click
 
 from analyze.errors import ShapeError
 from analyze.verbs.options import one_line
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from analyze.geometry.bodies import Body
@@ -116,7 +117,7 @@ def _repair_text(body: Body) -> str:
     """Remark on a body that is not closed, or whose holes were closed; empty if there is none."""
     if body.open_edges:
         return f" (not closed: {body.open_edges} open edges; it cannot be a part)"
-    return f" (holes of {body.filled_edges} edges closed)" if body.filled_edges else ""
+    return f" (holes of {counted(body.filled_edges, 'edge')} closed)" if body.filled_edges else ""
 
 
 def bodies_json(files: ObjectFiles, bodies: list[Body]) -> list[dict[str, object]]:

@@ -24,6 +24,7 @@ from schemas.mcap.content_hash import ContentHash
 from schemas.mcap.records import ContainerError
 from schemas.mcap.walk import walk, walk_chunks
 from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME
+from schemas.wording import counted
 
 _CHUNK_HEAD = re.compile(rb"\x06.{4}\x00{4}.{16}.{4}\x00{4}", re.DOTALL)
 """head of a chunk below 4 GB: opcode, length, two times, size"""
@@ -74,14 +75,14 @@ class RecoverReport:
 
     def text(self) -> str:
         """Report in one to four lines for the terminal."""
-        topics = f"{len(self.topics)} topics, {self.attachments} attachments"
-        lines = [f"{self.path}: {self.messages} messages on {topics}"]
+        topics = f"{counted(len(self.topics), 'topic')}, {counted(self.attachments, 'attachment')}"
+        lines = [f"{self.path}: {counted(self.messages, 'message')} on {topics}"]
         if not self.has_manifest:
             lines.append("no manifest: viewers can open the file, `analyze` cannot use it")
         if self.anything_damaged:
             lines.append(
-                f"lost: {self.damaged_records} damaged records, {self.skipped_bytes} bytes of incomplete "
-                "records"
+                f"lost: {counted(self.damaged_records, 'damaged record')}, "
+                f"{counted(self.skipped_bytes, 'byte')} of incomplete records"
             )
         if not self.ended_properly:
             lines.append(
@@ -332,6 +333,6 @@ def _verify(path: Path, report: RecoverReport) -> None:
             ) from None
     if count != report.messages or digest.hexdigest() != report.content_id:
         raise RecorderError(
-            f"{report.path}: {count} of {report.messages} messages can be read back: check the disk and try "
-            "again"
+            f"{report.path}: {count} of {counted(report.messages, 'message')} can be read back: check the "
+            "disk and try again"
         )

@@ -26,6 +26,7 @@ from analyze.reproduce.paper.record import MethodAnswer, SessionRecord
 from analyze.reproduce.paper.tables import Table, Value, all_tables
 from analyze.reproduce.paper.targets import missed_targets, targets, targets_table
 from schemas.output_file import write_text
+from schemas.wording import counted
 
 PAGE = "index.html"
 
@@ -155,8 +156,9 @@ def summary(records: Sequence[SessionRecord]) -> str:
     if not len(exact.values):
         return "No session on the paper's objects yet."
     text = (
-        f"The centre of mass is off by {np.median(exact.values):.2f} mm (median of {len(exact.values)} "
-        f"sessions; {np.median(drawn.values):.2f} mm with calibration errors drawn); the paper reported 12.5 "
+        f"The centre of mass is off by {np.median(exact.values):.2f} mm (median of "
+        f"{counted(len(exact.values), 'session')}; {np.median(drawn.values):.2f} mm with calibration "
+        "errors drawn); the paper reported 12.5 "
         f"mm. The region masses are off by {np.median(masses.values):.1f} %; the paper reported 11.5 %."
     )
     return (

@@ -25,6 +25,7 @@ from analyze.tracking.track import MarkerFollower
 from analyze.types import CameraModel, ImageFrame, Marker, MarkerTrack
 from schemas.session_manifest import TimeSource
 from schemas.tags import USUAL_FAMILY, family_and_id
+from schemas.wording import counted
 
 RECORDING_SUFFIX = ".mcap"
 SEARCH_EVERY_FRAMES = 5
@@ -215,7 +216,7 @@ def _measure(footage: _Footage, options: DropOptions, progress: Progress = no_pr
         ]
     if not found:
         raise CalibrationError(
-            f"{footage.name}: marker {marker_id} is seen in {seen} of {frames} frames, but no "
+            f"{footage.name}: marker {marker_id} is seen in {seen} of {counted(frames, 'frame')}, but no "
             f"free fall of {MIN_FALL_M:g} m: hold it still in view, let go without a push, and let it fall "
             "0.3 m or more before the camera; more light and a shorter exposure if it blurs"
         )
@@ -307,8 +308,8 @@ def _first_tag(footage: _Footage) -> int | str:
     other = marker_of_other_family(first, (USUAL_FAMILY,))
     hint = f"; one of family {other} is: name it with --marker" if other is not None else ""
     raise CalibrationError(
-        f"{footage.name}: no tag is seen in {looked_at} images{hint}: print one (analyze print-tags) and "
-        "record it in focus"
+        f"{footage.name}: no tag is seen in {counted(looked_at, 'image')}{hint}: print one (analyze "
+        "print-tags) and record it in focus"
     )
 
 

@@ -9,6 +9,7 @@ from analyze.least_squares.intervals import SIGMAS_95
 from analyze.pipeline.frame_rate import STATED_RATE_SD
 from analyze.verbs.calibrate.drop import DropAnswer
 from schemas.document import SCHEMA_VERSION
+from schemas.wording import counted
 
 COMMON_FRAME_RATES_HZ = (
     24.0,
@@ -74,9 +75,9 @@ def drop_text(answer: DropAnswer) -> list[str]:
     time, setup, falls = answer.time, answer.setup, answer.falls
     to_hz = SIGMAS_95 * answer.true_hz / time.time_ratio
     longest = max(falls, key=lambda fall: fall.dropped)
-    many = "1 fall" if len(falls) == 1 else f"{len(falls)} falls"
+    many = counted(len(falls), "fall")
     size = f"{1e3 * setup.size:g} ± {SIGMAS_95 * 1e3 * setup.size_sd:.2g} mm"
-    seen = f"marker {answer.marker_id} in {answer.seen} of {answer.frames} frames, {many}"
+    seen = f"marker {answer.marker_id} in {answer.seen} of {counted(answer.frames, 'frame')}, {many}"
     shares = (
         f"{to_hz * time.by_noise:.2f} by the falls (noise, air, shutter, rotation)",
         (
@@ -87,7 +88,7 @@ def drop_text(answer: DropAnswer) -> list[str]:
     )
     lines = [
         (
-            f"{seen}: the longest of {longest.frames} frames over {longest.dropped:.2f} m, "
+            f"{seen}: the longest of {counted(longest.frames, 'frame')} over {longest.dropped:.2f} m, "
             f"{1e3 * longest.residual:.2f} mm off a parabola"
         ),
         (

@@ -15,6 +15,7 @@ from matplotlib.patches import Rectangle
 from analyze.calibration.verdict import GOOD_PIXEL_SD, MAX_PIXEL_SD
 from analyze.report.style import BLUE, CYCLE, EMPTY, EMPTY_LINES, GOOD_TO_BAD, INK, MUTED, RED, style
 from schemas.output_file import write_bytes
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -90,7 +91,10 @@ def _coverage(axes: Axes, found: Calibration) -> None:
         )
     for number, shot in enumerate(found.shots):
         axes.plot(*shot.view.place.T, ".", ms=3.8, color=CYCLE[number % len(CYCLE)], alpha=0.75, mew=0)
-    axes.set_title(f"{sum(len(shot.view.place) for shot in found.shots)} corners in {len(found.shots)} views")
+    axes.set_title(
+        f"{counted(sum(len(shot.view.place) for shot in found.shots), 'corner')} in "
+        f"{counted(len(found.shots), 'view')}"
+    )
     bare = 100 * (1 - found.covered.share)
     axes.set_xlabel(
         "colour: view"

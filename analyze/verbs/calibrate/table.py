@@ -14,6 +14,7 @@ from analyze.cameras.calibrate import CalibrationAnswer
 from analyze.cameras.calibration_toml import calibration_spec
 from schemas.document import SCHEMA_VERSION
 from schemas.terminal import Terminal
+from schemas.wording import counted
 
 MAX_NAMED = 4
 """largest number of images named; more are counted"""
@@ -30,7 +31,7 @@ def render_calibration(answer: CalibrationAnswer, console: Terminal | None = Non
     found = answer.calibration
     lens = found.lens
     table = Table(
-        title=f"{lens.model.value}, {lens.width} x {lens.height} px, {len(found.shots)} views",
+        title=f"{lens.model.value}, {lens.width} x {lens.height} px, {counted(len(found.shots), 'view')}",
         title_justify="left",
         show_header=False,
     )
@@ -67,13 +68,12 @@ def render_calibration(answer: CalibrationAnswer, console: Terminal | None = Non
     console.print(table)
     if answer.alike:
         console.print(
-            f"{answer.alike} of {answer.looked_at} images show the board in the same place as another: not "
-            "used",
+            f"{answer.alike} of {counted(answer.looked_at, 'image')} not used: the board lies as in another",
         )
     if answer.surplus:
         console.print(
-            f"{answer.surplus} of {answer.looked_at} images not used: {MOST_VIEWS} views, which differ more, "
-            "are enough",
+            f"{answer.surplus} of {counted(answer.looked_at, 'image')} not used: "
+            f"{counted(MOST_VIEWS, 'view')}, which differ more, are enough",
             highlight=False,
         )
     if answer.without_board:

@@ -27,6 +27,7 @@ from analyze.tracking.camera_model import camera_from_spec
 from analyze.types import Array, CameraModel
 from schemas.output_file import write_text
 from schemas.toml_table import with_table
+from schemas.wording import counted
 
 TABLE = "level"
 """table of the rig file"""
@@ -144,7 +145,7 @@ def read_gravity(options: GravityOptions, progress: Progress = no_progress) -> G
     if first is None or not seen:
         off = f" ({slanted} straight lines are more than 5° off W's vertical)" if slanted else ""
         raise CalibrationError(
-            f"no plumb line is seen in {looked_at} image{'' if looked_at == 1 else 's'}{off}: hang a thin "
+            f"no plumb line is seen in {counted(looked_at, 'image')}{off}: hang a thin "
             "string with a weight before a uniform background, dark on bright or bright on dark, over half "
             "the image's height or more, and wait until it is still"
         )

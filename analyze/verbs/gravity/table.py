@@ -9,6 +9,7 @@ import numpy as np
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.verbs.gravity.level import GravityAnswer, level_entries
 from schemas.document import SCHEMA_VERSION
+from schemas.wording import counted
 
 
 def gravity_text(answer: GravityAnswer) -> list[str]:
@@ -19,8 +20,8 @@ def gravity_text(answer: GravityAnswer) -> list[str]:
         length = float(np.linalg.norm(line.top - line.bottom))
         kind = "dark" if line.dark else "bright"
         lines.append(
-            f"{kind} string at column {place:.0f}, {length:.0f} px long, in {many} of {answer.looked_at} "
-            "images"
+            f"{kind} string at column {place:.0f}, {length:.0f} px long, in {many} of "
+            f"{counted(answer.looked_at, 'image')}"
         )
     for i, towards in enumerate(("+x, where objects tip", "+y, away from the camera")):
         value, sd = np.degrees([table.lean[i], SIGMAS_95 * table.sd[i]])

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analyze.reading.mcap_contents import McapContents
+from schemas.wording import counted
 
 EARLIEST_REAL_TIME_NS = 946_684_800_000_000_000
 """beginning of the year 2000 [ns since 1970]; earlier times are simulated, or from a computer without a
@@ -123,8 +124,11 @@ def out_of_order_lines(topics: list[dict[str, Any]]) -> list[str]:
     Args:
         topics: topics as in `inspect_contents`, with `name` and `out_of_order`.
     """
-    text = "{name}: {out_of_order} messages are older than the one before them"
-    return [text.format(**topic) for topic in topics if topic["out_of_order"]]
+    return [
+        f"{topic['name']}: {counted(topic['out_of_order'], 'message', 'is')} older than the one before"
+        for topic in topics
+        if topic["out_of_order"]
+    ]
 
 
 def _health(contents: McapContents, topics: list[dict[str, Any]]) -> list[str]:
@@ -136,19 +140,21 @@ def _health(contents: McapContents, topics: list[dict[str, Any]]) -> list[str]:
     found: list[str] = []
     if not contents.finished:
         found.append(
-            f"cut short or damaged: the last {contents.unread_bytes} bytes are no complete record: {recover} "
-            "saves the rest"
+            f"cut short or damaged: the last {counted(contents.unread_bytes, 'byte', 'is')} no complete "
+            f"record: {recover} saves the rest"
         )
     elif contents.compression and not contents.indexed:
         found.append(f"no index, so that readers must read all of it: {recover} writes one")
     found += [f"damaged: {text}: {recover} saves what can be read" for text in dict.fromkeys(contents.damage)]
     if contents.stated_messages not in {None, contents.messages}:
         found.append(
-            f"{contents.messages} messages were found, its statistics state {contents.stated_messages}"
+            f"{counted(contents.messages, 'message', 'was')} found, its statistics state "
+            f"{contents.stated_messages}"
         )
     if contents.undescribed_messages:
         found.append(
-            f"{contents.undescribed_messages} messages are on channels that the file does not describe"
+            f"{counted(contents.undescribed_messages, 'message', 'is')} on channels that the file does "
+            "not describe"
         )
     if any(topic["count"] and topic["first_ns"] < EARLIEST_REAL_TIME_NS for topic in topics):
         found.append(

@@ -17,6 +17,7 @@ from analyze.verbs.inspect.contents import inspect_contents, out_of_order_lines,
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import MANIFEST_NAME
+from schemas.wording import counted
 
 MIN_GAP_PERIODS = 1.5
 """interval between two images of a window, in frame periods, above which a frame is missing"""
@@ -125,17 +126,17 @@ def _health(session: dict[str, Any]) -> list[str]:
     if session["missing_files"]:
         found.append(f"not here: {missing_files_text(session['missing_files'])}")
     if session["damaged_chunks"]:
-        found.append(f"{session['damaged_chunks']} damaged chunks are left out")
+        found.append(f"{counted(session['damaged_chunks'], 'damaged chunk', 'is')} left out")
     for camera in session["cameras"]:
         if camera["lost"]:
             found.append(
-                f"camera {camera['name']}: {camera['lost']} of {camera['frames'] + camera['lost']} frames "
-                "were lost"
+                f"camera {camera['name']}: {camera['lost']} of "
+                f"{counted(camera['frames'] + camera['lost'], 'frame')} were lost"
             )
         if camera["meta_missing"]:
             found.append(
-                f"camera {camera['name']}: {camera['meta_missing']} frames between its first and last have "
-                "no metadata"
+                f"camera {camera['name']}: {counted(camera['meta_missing'], 'frame')} between its first "
+                "and last have no metadata"
             )
     missing = {
         strike["strike_id"]: strike["images_missing"]

@@ -15,6 +15,7 @@ from rich.table import Table
 from analyze.reading.file_series import missing_files_text
 from analyze.reading.planned_strikes import PlannedStrikes
 from schemas.terminal import Terminal, styled
+from schemas.wording import counted
 
 WIDE_COLUMNS, NARROW_COLUMNS = 96, 58
 """smallest terminal widths at which tables show all columns, and all but the least important ones"""
@@ -43,7 +44,8 @@ def render_inspection(found: dict[str, Any], console: Terminal | None = None) ->
     write(_written(found))
     if found["start_ns"] is not None:
         write(
-            f"from {_wall(found['start_ns'])} to {_wall(found['end_ns'])} UTC, {found['messages']} messages"
+            f"from {_wall(found['start_ns'])} to {_wall(found['end_ns'])} UTC, "
+            f"{counted(found['messages'], 'message')}"
         )
     console.print()
     console.print(_topics(found, console.width) if found["topics"] else "no topics")
@@ -82,7 +84,8 @@ def _state(found: dict[str, Any]) -> str | tuple[str, str]:
 def _write_session(found: dict[str, Any], write: Any) -> None:
     if len(found["files"]) > 1:
         write(
-            f"in {len(found['files'])} files: {', '.join(Path(file['path']).name for file in found['files'])}"
+            f"in {counted(len(found['files']), 'file')}: "
+            f"{', '.join(Path(file['path']).name for file in found['files'])}"
         )
     if found["missing_files"]:
         write(styled(("missing", "bold red"), f": {missing_files_text(found['missing_files'])}"))
@@ -102,9 +105,9 @@ def _written(found: dict[str, Any]) -> str:
     for name, packed in found["compression"].items():
         size = _bytes(packed["stored_bytes"])
         parts.append(
-            f"{packed['chunks']} chunks of {size}, uncompressed"
+            f"{counted(packed['chunks'], 'chunk')} of {size}, uncompressed"
             if name == "none"
-            else f"{packed['chunks']} chunks compressed with {name}, "
+            else f"{counted(packed['chunks'], 'chunk')} compressed with {name}, "
             f"{size} of {_bytes(packed['unpacked_bytes'])}"
         )
     return ", ".join(parts)
@@ -177,8 +180,9 @@ def _strikes(strikes: Sequence[dict[str, Any]], width: int) -> Table:
 def _camera(camera: dict[str, Any]) -> str:
     delay = camera["arrival_delay_s"]
     return (
-        f"camera {camera['name']}: {camera['frames']} frames at {_number(camera['rate_hz'], '.2f')} "
-        f"Hz (set {camera['nominal_rate_hz']:g}), {camera['lost']} lost, {camera['images']} images kept, "
+        f"camera {camera['name']}: {counted(camera['frames'], 'frame')} at "
+        f"{_number(camera['rate_hz'], '.2f')} Hz (set {camera['nominal_rate_hz']:g}), {camera['lost']} lost, "
+        f"{counted(camera['images'], 'image')} kept, "
         f"{_number(None if delay is None else delay * 1e3, '.1f')} ms late"
     )
 
@@ -186,7 +190,7 @@ def _camera(camera: dict[str, Any]) -> str:
 def _clocks(found: dict[str, Any]) -> list[str]:
     if "clocks" in found:
         return [
-            f"clock {clock['clock']}: {clock['samples']} samples, "
+            f"clock {clock['clock']}: {counted(clock['samples'], 'sample')}, "
             f"{_number(clock['drift_ppm'], '+.1f')} ppm, round trip {clock['round_trip_s'] * 1e6:.0f} us"
             for clock in found["clocks"]
         ] or ["clocks: no samples"]

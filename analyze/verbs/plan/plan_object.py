@@ -27,6 +27,7 @@ from schemas.object_spec import ObjectSpec
 from schemas.output_file import write_text
 from schemas.session_manifest import RIG_ATTACHMENT
 from schemas.strike_plan import PlanMethod, StrikePlan
+from schemas.wording import counted
 
 CELLS = 800
 """number of voxels for the prediction of region masses"""
@@ -188,7 +189,7 @@ def _note_on_striker(striker: StrikerModel, strikes: int) -> str:
 
     It states the striker's effective mass [g] and restitution, each with its sd.
     """
-    many = "1 strike" if strikes == 1 else f"{strikes} strikes"
+    many = counted(strikes, "strike")
     mass, mass_sd = 1000 * striker.effective_mass_kg, 1000 * striker.effective_mass_sd_kg
     return (
         f"speeds are for the striker as estimated from {many}: effective mass {mass:.0f} ± {mass_sd:.0f} g, "

@@ -12,6 +12,7 @@ from analyze.planning.rejections import rejection_summary
 from analyze.types import TENSOR_ENTRIES, tensor_entry_name
 from schemas.strike_plan import PlanMethod, PlannedStrike, Prediction, StrikePlan
 from schemas.terminal import Terminal
+from schemas.wording import counted
 
 NOT_DETERMINED = "not determined"
 
@@ -45,9 +46,9 @@ def render_plan(plan: StrikePlan, console: Terminal | None = None) -> None:
 
 
 def _strike_table(plan: StrikePlan) -> Table:
-    many, how = len(plan.strikes), ", by the paper's method" if plan.method is PlanMethod.PAPER else ""
+    how = ", by the paper's method" if plan.method is PlanMethod.PAPER else ""
     table = Table(
-        title=f"{plan.object_name}: {many} strike{'' if many == 1 else 's'}{how}",
+        title=f"{plan.object_name}: {counted(len(plan.strikes), 'strike')}{how}",
         title_justify="left",
         padding=(0, 0),
         pad_edge=False,

@@ -15,6 +15,7 @@ from analyze.types import Array
 from analyze.verbs.register.marker_poses import RegisterAnswer, is_implausible, pose_toml
 from schemas.document import SCHEMA_VERSION
 from schemas.terminal import Terminal
+from schemas.wording import counted
 
 
 def render_registration(answer: RegisterAnswer, console: Terminal | None = None) -> None:
@@ -34,8 +35,8 @@ def render_registration(answer: RegisterAnswer, console: Terminal | None = None)
         "± (deg)",
         "rms (px)",
         "strikes",
-        title=f"{answer.evidence.spec.name}: {len(found.markers)} markers from {len(used)} strikes, 1 "
-        "sigma along the worst direction",
+        title=f"{answer.evidence.spec.name}: {counted(len(found.markers), 'marker')} from "
+        f"{counted(len(used), 'strike')}, 1 sigma along the worst direction",
         title_justify="left",
         box=SIMPLE_HEAD,
     )

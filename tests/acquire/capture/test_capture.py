@@ -21,6 +21,7 @@ from acquire.errors import CameraNotFound, RecorderError
 from schemas.proto import percuss_pb2 as pb
 from schemas.rig import CameraConfig, RecorderConfig, RigConfig
 from schemas.session_manifest import SessionManifest
+from schemas.wording import counted
 from tests.acquire.capture.synthetic_rig import (
     CALIBRATION,
     COMMAND,
@@ -195,7 +196,7 @@ def test_lost_frames_are_counted_where_they_were_lost(
     assert report.lost == numbers[-1] - numbers[0] + 1 - len(numbers)
     assert report.lost >= 3
     assert re.fullmatch(
-        r"\d+ frames lost before frame \d+, \d+ in all", Log.FromString(found["/log"][0].data).message
+        r"\d+ frames? lost before frame \d+, \d+ in all", Log.FromString(found["/log"][0].data).message
     )
 
 
@@ -237,7 +238,7 @@ def test_a_lost_camera_comes_back_into_the_same_recording(
     assert [Log.FromString(m.data).message.split(":")[0] for m in found["/log"]] == [
         "camera lost",
         "camera is back",
-        f"{gap} frames lost before frame {metas[after].sequence + 1}, {gap} in all",
+        f"{counted(gap, 'frame')} lost before frame {metas[after].sequence + 1}, {gap} in all",
     ]
 
 

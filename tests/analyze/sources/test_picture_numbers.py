@@ -234,7 +234,7 @@ def test_damaged_pictures_are_left_out_and_counted(tmp_path):
     path.write_bytes(data)
     source = VideoSource(path)
     assert sum(len(group.data) for group in source.coded()) == 29
-    assert any("1 frames cannot be decoded" in remark for remark in source.remarks)
+    assert any("left out: 1 frame that cannot be decoded" in remark for remark in source.remarks)
 
 
 @pytest.mark.parametrize("suffix", ["mp4", "mkv", "ts"])

@@ -128,7 +128,7 @@ def test_images_with_decreasing_stamps_are_left_out(tmp_path):
     source = TopicSource(write_foxglove(tmp_path / "a.mcap", images(230, 16, 12), stamps=stamps))
     assert [frame.time_ns // FRAME_NS for frame in source.frames()] == [i for i in range(230) if i != 220]
     assert source.remarks == (
-        "a.mcap:/cam/image: 1 images with a stamp earlier than a previous one are left out",
+        "a.mcap:/cam/image: left out: 1 image with a stamp earlier than a previous one",
     )
 
 
@@ -170,7 +170,7 @@ def test_topic_must_be_chosen_among_several(tmp_path):
         match=r"--topic /cam/calibration: its messages are foxglove.CameraCalibration, not readable images",
     ):
         TopicSource(path, "/cam/calibration")
-    with pytest.raises(ImportRefused, match=r"a.mcap:/left/image: contains 1 images: a strike needs more"):
+    with pytest.raises(ImportRefused, match=r"a.mcap:/left/image: contains 1 image: a strike needs more"):
         TopicSource(path, "/left/image")
 
 

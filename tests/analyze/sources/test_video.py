@@ -167,7 +167,7 @@ def test_images_that_the_csv_omits_are_reported(tmp_path):
         cv2.imwrite(str(tmp_path / f"{number}.png"), tip()[0])
     (tmp_path / "times.csv").write_text("name,time_s\n0.png,0\n./1.png,0.01\n2.png,0.02\n")
     source = open_source(tmp_path, SourceOptions())
-    assert source.remarks == (f"{tmp_path.name}: left out 1 of 4 images, which times.csv does not name",)
+    assert source.remarks == (f"{tmp_path.name}: left out 1 of 4 images: not in times.csv",)
     (tmp_path / "3.png").unlink()
     source = open_source(tmp_path, SourceOptions())
     assert source.remarks == ()

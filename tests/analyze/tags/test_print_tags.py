@@ -126,7 +126,7 @@ def test_tags_can_be_printed_before_the_shape_file_exists(tmp_path):
     (tmp_path / "mug.toml").write_text(text)
     out = run("--object", tmp_path / "mug.toml", "-o", tmp_path / "t.pdf")
     assert out.exit_code == 0
-    assert "1 tags of 25 mm" in out.output
+    assert "1 tag of 25 mm" in out.output
 
 
 def test_board_is_detected_by_opencv(tmp_path):

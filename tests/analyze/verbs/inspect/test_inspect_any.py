@@ -196,7 +196,7 @@ def test_topics_of_several_publishers_without_a_schema_and_out_of_order(tmp_path
     assert pose["rate_hz"] == pytest.approx(1000)
     assert (other["schema"], other["out_of_order"]) == ("", 3)
     text = shown(tmp_path / "a.mcap")
-    assert "/bare: 3 messages are older than the one before them" in text
+    assert "/bare: 3 messages are older than the one before" in text
 
 
 def test_simulated_time_is_reported(tmp_path):
