@@ -152,7 +152,8 @@ class MassDistribution:
     """Masses of the shell (outer wall, region R1) and of the interior on either side of a dividing plane.
 
     Region R2 is the interior at points x (in the object frame O) where dividing_plane_normal . x >
-    dividing_plane_offset; R3 is the rest of the interior. Arrays have n entries, one per region.
+    dividing_plane_offset; R3 is the rest of the interior. The body's own two parts may be divided by another
+    plane that has the measured moments as well. Arrays have n entries, one per region.
     """
 
     names: tuple[str, ...]

@@ -116,14 +116,17 @@ def regions_text(distribution: MassDistribution, mass: float) -> str:
             "not determined are the region masses: no uniform shell with two uniform parts, or with one lump,"
             f" has these moments; under any filling: {ranges}"
         )
-    kind = f"if the object is a uniform shell with {_kinds_text(distribution)}"
+    kind = (
+        "on either side of the dividing plane, if the object is a uniform shell with"
+        f" {_kinds_text(distribution)}"
+    )
     half = 0.5 * np.diff(ends, axis=1)[:, 0]
     worst = int(np.argmax(half))
     share = float(half[worst]) / mass
     known = f"{distribution.names[worst]}, to ± {1e3 * half[worst]:.2g} g, {100 * share:.0f} % of the total"
     if share <= MAX_TRUSTED_SHARE:
-        return f"trust the region masses, {kind}: the least certain, {known}"
-    return f"not determined closely are the region masses, {kind}: {ranges}; strike about more axes"
+        return f"trust the region masses {kind}: the least certain, {known}"
+    return f"not determined closely are the region masses {kind}: {ranges}; strike about more axes"
 
 
 def _kinds_text(distribution: MassDistribution) -> str:

@@ -24,9 +24,22 @@ def test_session_is_scored_and_printed(tmp_path):
     by_name = {score.name: score for score in scored.scores}
     assert abs(by_name["cx"].value - by_name["cx"].truth) < 1  # mm
     assert sum(score.quantity == "phi good (deg)" for score in scored.scores) >= 6
+    _assert_regions_are_cut_along_the_answers_plane(trial, scored)
     out = io.StringIO()
     print_tables(Console(file=out, width=190), [scored])
     assert "centre of mass" in out.getvalue()
+
+
+def _assert_regions_are_cut_along_the_answers_plane(trial, scored):
+    """Masses are stated on either side of the answer's plane, here another one than the body's own."""
+    assert trial.result is not None
+    made, regions = trial.specimen, trial.result.regions
+    inside = made.masses[~made.in_shell], made.points[~made.in_shell]
+    above = inside[1] @ np.array(regions.dividing_plane_normal) > regions.dividing_plane_offset_m
+    share = 100 * inside[0][above].sum() / made.masses.sum()
+    (upper,) = (each for each in scored.scores if (each.quantity, each.name) == ("regions (%)", "upper"))
+    np.testing.assert_allclose(upper.truth, share, atol=1e-6)
+    assert upper.holds
 
 
 def test_mislabelled_strikes_are_recognised_by_their_tags_at_rest(tmp_path):

@@ -31,15 +31,16 @@ def masses(half, explained=True, lump=False):
         (
             4.0,
             (
-                "trust the region masses, if the object is a uniform shell with two uniform parts: the"
-                " least certain, shell, to ± 4 g, 4 % of the total"
+                "trust the region masses on either side of the dividing plane, if the object is a uniform"
+                " shell with two uniform parts: the least certain, shell, to ± 4 g, 4 % of the total"
             ),
         ),
         (
             20.0,
             (
-                "not determined closely are the region masses, if the object is a uniform shell with two"
-                " uniform parts: shell 30 to 70 g, upper 20 to 22 g, lower 28 to 30 g; strike about more axes"
+                "not determined closely are the region masses on either side of the dividing plane, if the"
+                " object is a uniform shell with two uniform parts: shell 30 to 70 g, upper 20 to 22 g,"
+                " lower 28 to 30 g; strike about more axes"
             ),
         ),
     ],

@@ -91,10 +91,6 @@ class Specimen:
     """(3, 3) about c [kg m^2]"""
     parts: dict[str, float]
     """true masses of labelled parts [kg]"""
-    regions: np.ndarray | None
-    """(3,) masses of the wall and of the inside above and below a plane [kg]; None for other fillings"""
-    plane_normal: np.ndarray
-    """(3,) normal of that plane"""
     friction: float
     plate: tuple[float, float, float]
     """mass [kg], natural frequency [rad/s] and damping ratio of the springy table top"""
@@ -265,7 +261,6 @@ def draw_specimen(name: str, number: int, attempt: int = 0) -> Specimen:
     points, depth, owner = _mass_points(name)
     in_shell = depth < body.wall
     parts: dict[str, float] = {}
-    regions, normal = None, np.zeros(3)
     if body.filling == "parts":
         # The labels' bodies are numbered by size.
         sizes = [ConvexHull(piece.reshape(-1, 3)).volume for piece in body.pieces]
@@ -282,7 +277,7 @@ def draw_specimen(name: str, number: int, attempt: int = 0) -> Specimen:
         share = rng.uniform(0.3, 0.8)
         masses = body.mass * (share * in_shell / in_shell.sum() + (1 - share) * lump / lump.sum())
     else:
-        masses, regions, normal = _two_parts(body, points, in_shell, rng)
+        masses = _two_parts(body, points, in_shell, rng)
     com = masses @ points / masses.sum()
     arm = points - com
     second = (arm * masses[:, None]).T @ arm
@@ -295,8 +290,6 @@ def draw_specimen(name: str, number: int, attempt: int = 0) -> Specimen:
         com,
         np.trace(second) * np.eye(3) - second,
         parts,
-        regions,
-        normal,
         friction=rng.uniform(0.3, 0.8),
         plate=(rng.uniform(0.2, 0.4), rng.uniform(700, 1500), rng.uniform(0.1, 0.35)),
         lean=rng.standard_normal(2),
@@ -305,8 +298,8 @@ def draw_specimen(name: str, number: int, attempt: int = 0) -> Specimen:
 
 def _two_parts(
     body: TrueBody, points: np.ndarray, in_shell: np.ndarray, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Masses (n,) of a wall and two uniform parts [kg], the regions' masses (3,), and the plane's normal."""
+) -> np.ndarray:
+    """Masses (n,) [kg] of the points of a wall and of two uniform parts on either side of a random plane."""
     wall, upper = rng.uniform(0.15, 0.7), rng.uniform(0.15, 0.85)
     normal = rng.standard_normal(3)
     normal /= np.linalg.norm(normal)
@@ -314,7 +307,7 @@ def _two_parts(
     above = ~in_shell & (heights > np.quantile(heights[~in_shell], rng.uniform(0.3, 0.7)))
     parts = (in_shell, above, ~in_shell & ~above)
     regions = body.mass * np.array([wall, (1 - wall) * upper, (1 - wall) * (1 - upper)])
-    return np.asarray(sum(m * p / p.sum() for m, p in zip(regions, parts, strict=True))), regions, normal
+    return np.asarray(sum(m * p / p.sum() for m, p in zip(regions, parts, strict=True)))
 
 
 def load_model(body: TrueBody, spec: ObjectSpec, data: bytes | None):

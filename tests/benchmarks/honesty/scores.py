@@ -190,30 +190,26 @@ def _tensor(trial: Trial, said: dict[str, str]) -> Iterator[Score]:
 def _regions(trial: Trial, said: dict[str, str]) -> Iterator[Score]:
     """Yield region masses and their limits, and the wall's thickness where it was estimated.
 
-    Intervals hold for a wall with two uniform parts: they are compared with the true parts of such a body,
-    if the estimated plane is the best one between two parts. Limits hold for any filling: they, and the
-    masses of another body, are compared with the masses on either side of the estimated plane.
+    The answer states the masses of the wall and of the interior on either side of its own plane. True masses
+    are therefore cut along that plane, whatever divides the body.
     """
     assert trial.result is not None
-    assert trial.estimate is not None
     specimen, regions = trial.specimen, trial.result.regions
     if specimen.body.labels or regions.dividing_plane_normal is None:
         return
     normal, offset = np.array(regions.dividing_plane_normal), regions.dividing_plane_offset_m or 0.0
     above, inside = specimen.points @ normal > offset, ~specimen.in_shell
     parts = (specimen.in_shell, inside & above, inside & ~above)
-    divided = true = np.array([specimen.masses[part].sum() for part in parts])
-    explained = regions.explained is not False
-    if specimen.regions is not None and trial.estimate.distribution.two_parts_explain:
-        same = normal @ specimen.plane_normal >= 0
-        true = specimen.regions if same else specimen.regions[[0, 2, 1]]
+    true = np.array([specimen.masses[part].sum() for part in parts])
     unit = 100 / float(specimen.masses.sum())
-    group = "regions (%)" if explained else "unexplained (%)"
-    for region, mass, cut in zip(regions.regions, true, divided, strict=True):
+    group = "unexplained (%)" if regions.explained is False else "regions (%)"
+    for region, mass in zip(regions.regions, true, strict=True):
         yield _score(group, region.name, said["regions"], region.mass, float(mass), unit)
         if region.limits_kg is not None:
             low, high = map(float, unit * np.array(region.limits_kg))
-            yield Score("limits (%)", region.name, "not mentioned", unit * cut, 0.5 * (low + high), low, high)
+            yield Score(
+                "limits (%)", region.name, "not mentioned", unit * mass, 0.5 * (low + high), low, high
+            )
     if regions.shell_thickness is not None:
         wall = specimen.body.wall
         yield _score("wall (mm)", "wall", "not mentioned", regions.shell_thickness, wall, 1e3)
