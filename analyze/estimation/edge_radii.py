@@ -268,7 +268,7 @@ def _compared(
     elif refuted.any():
         compared, difference = refuted, max(partial, key=abs)
     share = compared / compared.sum()
-    grown = _excess(together, information, variance, stated_covariance)
+    grown = _excess(together, information, variance, (stated_covariance, wide))
     return RadiusCheck(
         float(share @ believed),
         float(np.sqrt(share @ stated_covariance @ share)),
@@ -294,22 +294,25 @@ def _standardised(direction: Array, score: Array, variance: Array) -> float:
     return float(direction @ score) / float(np.sqrt(sd2)) if sd2 > 0 else 0.0
 
 
-def _excess(difference_sds: float, information: Array, variance: Array, stated: Array) -> float:
+def _excess(difference_sds: float, information: Array, variance: Array, priors: tuple[Array, Array]) -> float:
     """Factor by which the sd of stated radii must grow for their mean to agree with the strikes' to 1 sd.
 
-    It is 1 if it does so already, or if the strikes have no information on the radii.
+    It is 1 if it does so already, or if the strikes have no information on the radii. The difference's sd
+    counts at most as that of radii that are not given: strikes that hardly determine a radius may be off by
+    centimetres, which no statement explains.
 
     Args:
         difference_sds: difference between the mean radius by the strikes and the stated one, over its sd.
         information: (n, n) the strikes' own information (inverse covariance) on n edges' radii [1/m^2].
         variance: (n, n) covariance, if the stated radii are true, of the score (derivative of the strikes'
             log likelihood by the radii, at the stated ones) [1/m^2].
-        stated: (n, n) covariance of the stated radii [m^2].
+        priors: (n, n) covariances [m^2] of the stated radii, and of radii that are not given.
     """
-    certainty, of_mean = float(information.sum()), float(stated.sum()) / len(stated) ** 2
+    certainty = float(information.sum())
+    of_mean, wide = (float(each.sum()) / len(each) ** 2 for each in priors)
     if certainty <= 0 or of_mean <= 0 or abs(difference_sds) <= 1:
         return 1.0
-    difference_sd2 = float(variance.sum()) / certainty**2
+    difference_sd2 = min(float(variance.sum()) / certainty**2, wide)
     return float(np.sqrt(1 + (difference_sds**2 - 1) * difference_sd2 / of_mean))
 
 

@@ -192,6 +192,17 @@ def test_right_statement_mostly_keeps_its_sd():
     assert np.mean(sds) < 1.3
 
 
+def test_strikes_that_hardly_determine_the_radius_leave_its_statement():
+    """Three axes determine the radius only by the prior of the centre of mass, which is off by 1 sd."""
+    sd = 5e-3
+    off = ComPrior(BODY.com + sd, np.full(3, sd))
+    for seed in range(3):
+        planes, errors = session(seed, PLANNED, axes=SIX_AXES[:3])
+        _, check = without_refuted_radii(planes, [0] * len(planes), errors, off)
+        assert 1 < abs(check.difference_sds) < 1.5
+        assert check.excess * STATED_SD < ASSUMED.sd
+
+
 def test_wide_statement_covers_edges_that_differ():
     """Edges of 0.3 and 2 mm have a stated radius of 1.15 ± 0.85 mm."""
     axes = [planned_strike(BODY, *axis).axis_id for axis in SIX_AXES]
