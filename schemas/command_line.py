@@ -99,7 +99,21 @@ def _invoked_verb(command: str, ctx: click.Context | None) -> str:
     return " ".join([command, *verbs])
 
 
-class Commands(click.Group):
+class CommandGroup(click.Group):
+    """Click group whose help shows the whole first sentence of each command; click cuts it with "..."."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the commands with their first sentences, wrapped, into the help text."""
+        rows = [
+            (name, command.get_short_help_str(limit=sys.maxsize))
+            for name in self.list_commands(ctx)
+            if (command := self.get_command(ctx, name)) is not None and not command.hidden
+        ]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+
+class Commands(CommandGroup):
     """Click group of the verbs of `acquire` or `analyze` that reports wrong usage in one line.
 
     The group's name is the command's ("acquire" or "analyze").

@@ -10,9 +10,10 @@ import click
 from analyze.errors import EstimationError
 from analyze.verbs.options import one_line, path_option
 from analyze.verbs.outputs import refuse_outputs
+from schemas.command_line import CommandGroup
 
 
-@click.group()
+@click.group(cls=CommandGroup)
 def reproduce() -> None:
     """Compute published results again."""
 

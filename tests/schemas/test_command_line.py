@@ -118,3 +118,25 @@ def test_the_shell_completes_verbs_and_options(name: str, command: click.Command
         environment = {variable: f"{shell}_complete", "COMP_WORDS": words, "COMP_CWORD": typed}
         shown = CliRunner().invoke(command, prog_name=name, env=environment)
         assert re.search(rf"(^|[,\n]){wanted}\b", shown.output), shown.output
+
+
+@pytest.mark.parametrize("width", [60, 80, 200])
+def test_help_is_not_cut(width: int) -> None:
+    """Each command's first sentence stands whole in its group's help."""
+    from acquire.cli import main as acquire
+    from analyze.cli import main as analyze
+
+    waiting: list[click.Command] = [acquire, analyze]
+    while waiting:
+        command = waiting.pop()
+        context = click.Context(command, info_name=command.name, terminal_width=width)
+        text = command.get_help(context).replace("]...", "]").replace("FILE...", "").replace("IMAGE...", "")
+        for shown in ("SOURCE...", "PATH..."):
+            text = text.replace(shown, "")
+        assert "..." not in text, text
+        assert "…" not in text, text
+        if isinstance(command, click.Group):
+            for one in command.commands.values():
+                sentence = (one.help or "").split(". ")[0].split("\n\n")[0]
+                assert "".join(sentence.split()).removesuffix(".") in "".join(text.split())
+            waiting += command.commands.values()
