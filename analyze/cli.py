@@ -14,6 +14,7 @@ from analyze.verbs.batch import batch
 from analyze.verbs.calibrate.command import calibrate
 from analyze.verbs.estimate import estimate
 from analyze.verbs.export import export
+from analyze.verbs.frame_rate.command import frame_rate
 from analyze.verbs.gravity.command import gravity
 from analyze.verbs.import_ import import_
 from analyze.verbs.inspect.command import inspect
@@ -51,6 +52,7 @@ for _verb in (
     print_tags,
     reproduce,
     calibrate,
+    frame_rate,
     import_,
     register,
     gravity,

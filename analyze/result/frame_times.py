@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from analyze.pipeline.frame_rate import FrameRate
 
-DROP_TEST = "film a drop: analyze calibrate --drop"
+DROP_TEST = "film a drop: analyze frame-rate"
 
 
 def frame_times_documents(rates: Sequence[FrameRate]) -> list[FrameTimes]:

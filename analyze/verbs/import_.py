@@ -78,8 +78,7 @@ class _ImportArguments:
     "--capture-fps-sd",
     type=NumberRange(0, 100_000, min_open=True),
     metavar="HZ",
-    help="Standard deviation of the frame rate, as `analyze calibrate --drop` measures it.  [default: 0.2 "
-    "% of it]",
+    help="Standard deviation of the frame rate, as `analyze frame-rate` measures it.  [default: 0.2 % of it]",
 )
 @path_option(
     "--times",

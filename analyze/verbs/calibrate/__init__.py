@@ -1,1 +1,1 @@
-"""`analyze calibrate`: a camera from images of a board, or its frame rate from a video of a falling tag."""
+"""`analyze calibrate`: a camera's lens and pose from images of a board."""

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Container
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from analyze.verbs.calibrate.drop_command import measure_frame_rate, refuse_mixed, with_drop_options
-from analyze.verbs.options import one_line, path_option
+from analyze.verbs.options import one_line, pass_options, path_option
 from analyze.verbs.outputs import refuse_outputs
 from schemas.command_line import NumberRange
 
@@ -22,8 +20,8 @@ _DEFAULT_MARK = "0,0,0"
 
 
 @dataclass(frozen=True)
-class _LensArguments:
-    """Values of the arguments and options of `analyze calibrate` without --drop, for calibrating a lens."""
+class _CalibrateArguments:
+    """Values of the arguments and options of `analyze calibrate`."""
 
     inputs: tuple[Path, ...]
     """images, folders of images, patterns, videos and recordings that show the board"""
@@ -49,6 +47,8 @@ class _LensArguments:
     """True to write the calibration into the rig file"""
     picture: Path | None
     """plot to write (PNG); None for the default, a file beside `output`"""
+    as_json: bool
+    """True to print the calibration as JSON"""
 
 
 @click.command()
@@ -99,42 +99,15 @@ class _LensArguments:
     "--picture",
     help="Plot of coverage, precision and residuals to write (PNG).  [default: with -o, beside it]",
 )
-@with_drop_options
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @one_line
-def calibrate(*, drop: bool, as_json: bool, **given: Any) -> None:
+@pass_options(_CalibrateArguments)
+def calibrate(arguments: _CalibrateArguments) -> None:
     """Calibrate a camera from views of a ChArUco board: images, folders, patterns in quotes, recordings.
 
     Print the board with `analyze print-tags --board charuco`. Take 15 views or more, tilted by 20 to 45
     degrees to all sides, and reaching into all corners of the image.
-
-    With --drop: measure a video's true frame rate from a tag in free fall.
     """
-    lens = _LensArguments(**{name: given.pop(name) for name in _LensArguments.__dataclass_fields__})
-    refuse_mixed(drop, _options_used(given), _options_used(_LensArguments.__dataclass_fields__))
-    if drop:
-        measure_frame_rate(lens.inputs, given, as_json)
-    else:
-        _calibrate_lens(lens, as_json)
-
-
-def _options_used(names: Container[str]) -> list[str]:
-    """Options of the command line (such as "--squares") whose value is not the default; may be empty.
-
-    Args:
-        names: names of the parameters to list.
-    """
-    context = click.get_current_context()
-    return [
-        option.opts[0]
-        for option in context.command.params
-        if isinstance(option, click.Option)
-        and option.name in names
-        and context.params[option.name] not in (None, option.get_default(context))
-    ]
-
-
-def _calibrate_lens(arguments: _LensArguments, as_json: bool) -> None:
     from analyze.cameras.calibrate import calibrate_camera
     from analyze.progress import ProgressBar
     from analyze.verbs.calibrate.picture import write_picture
@@ -147,15 +120,15 @@ def _calibrate_lens(arguments: _LensArguments, as_json: bool) -> None:
     if picture is not None:
         write_picture(answer.calibration, picture)
         click.echo(f"picture: {picture}", err=True)
-    if as_json:
+    if arguments.as_json:
         click.echo(json.dumps(calibration_json(answer), allow_nan=False))
     answer.refuse_undetermined()
-    if not as_json:
+    if not arguments.as_json:
         render_calibration(answer)
-    _write_files(answer, arguments, as_json)
+    _write_files(answer, arguments)
 
 
-def _calibrate_options(arguments: _LensArguments) -> CalibrateOptions:
+def _calibrate_options(arguments: _CalibrateArguments) -> CalibrateOptions:
     from analyze.cameras.calibrate import CalibrateOptions
     from analyze.cameras.calibration_toml import refuse_unplaced
     from analyze.tags.printing import BoardOptions, parse_board
@@ -201,7 +174,7 @@ def parse_mark(text: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _picture_path(arguments: _LensArguments) -> Path | None:
+def _picture_path(arguments: _CalibrateArguments) -> Path | None:
     """Path of the calibration's plot: --picture, else the file of -o with the suffix .png.
 
     None if neither option is given: no plot is written then.
@@ -215,7 +188,7 @@ def _picture_path(arguments: _LensArguments) -> Path | None:
     return picture
 
 
-def _write_files(answer: CalibrationAnswer, arguments: _LensArguments, as_json: bool) -> None:
+def _write_files(answer: CalibrationAnswer, arguments: _CalibrateArguments) -> None:
     from analyze.cameras.calibration_toml import write_calibration, write_into_rig
 
     if arguments.output is not None:
@@ -223,7 +196,7 @@ def _write_files(answer: CalibrationAnswer, arguments: _LensArguments, as_json: 
         click.echo(
             f"calibration: {arguments.output}: the rig file's [camera.calibration] (or --rig RIG.toml "
             "--write)",
-            err=as_json,
+            err=arguments.as_json,
         )
     if arguments.write and arguments.rig is not None:
         write_into_rig(answer, arguments.rig)

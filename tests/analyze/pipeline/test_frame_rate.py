@@ -101,7 +101,7 @@ def test_unchecked_rate_is_reported_as_such_in_summary_and_report():
         warning.text for warning in few.result.warnings if warning.code is WarningCode.FRAME_RATE_UNCHECKED
     ]
     assert "these strikes only show that the frame rate lies" in text
-    assert "analyze calibrate --drop" in text
+    assert "analyze frame-rate" in text
     page = render_report(few, [])
     assert "Time source: container time stamps" in page
     assert "film a drop" in page

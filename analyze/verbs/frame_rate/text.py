@@ -1,4 +1,4 @@
-"""Text and JSON of a frame rate that `analyze calibrate --drop` measured."""
+"""Text and JSON of a frame rate that `analyze frame-rate` measured."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.pipeline.frame_rate import STATED_RATE_SD
-from analyze.verbs.calibrate.drop import DropAnswer
+from analyze.verbs.frame_rate.drop import DropAnswer
 from schemas.document import SCHEMA_VERSION
 from schemas.wording import counted
 

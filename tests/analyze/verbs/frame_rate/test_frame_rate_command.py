@@ -1,4 +1,4 @@
-"""`analyze calibrate --drop` on rendered videos."""
+"""`analyze frame-rate` on rendered videos."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from analyze.cli import main
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.types import CameraModel
-from analyze.verbs.calibrate.drop_table import capture_fps
+from analyze.verbs.frame_rate.text import capture_fps
 from tests.analyze.motion.falling import Drop, pose
 from tests.analyze.tracking.rendering import render
 
@@ -61,7 +61,7 @@ def fall_video(tmp_path_factory):
 
 
 def run(*words):
-    return CliRunner().invoke(main, ["calibrate", "--drop", *map(str, words)])
+    return CliRunner().invoke(main, ["frame-rate", *map(str, words)])
 
 
 def test_rendered_fall_shows_120_hz_stated_as_30(fall_video):
@@ -125,15 +125,22 @@ def test_rate_to_state_lies_within_the_interval(measured_hz, half_hz, stated_hz)
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--drop", "x.mp4"], "--drop needs --marker-size-mm"),
-        (["--drop", "x.mp4", "--marker-size-mm", "40", "--table", "t.png"], "--table: for the lens"),
-        (["--drop", "x.mp4", "y.mp4", "--marker-size-mm", "40"], "name one"),
-        (["x.png", "--mass-g", "40", "--g", "9.8"], "--mass-g, --g: only for a recorded fall: add --drop"),
-        (["x.png", "--marker-size-sd-mm", "0"], "--marker-size-sd-mm: only for a recorded fall: add --drop"),
-        (["--drop", ".", "--marker-size-mm", "40"], "CSV"),
+        (["x.mp4"], "Missing option '--marker-size-mm'"),
+        (["x.mp4", "--marker-size-mm", "40", "--table", "t.png"], "No such option '--table'"),
+        (["x.mp4", "y.mp4", "--marker-size-mm", "40"], "unexpected extra argument (y.mp4)"),
+        ([".", "--marker-size-mm", "40"], "CSV"),
     ],
 )
 def test_wrong_usage_is_one_line(words, said):
-    done = CliRunner().invoke(main, ["calibrate", *words])
+    done = CliRunner().invoke(main, ["frame-rate", *words])
     assert done.exit_code in (1, 2)
     assert said in done.output
+    assert done.output.count("\n") == 1
+
+
+def test_lens_and_frame_rate_are_calibrated_by_commands_of_their_own():
+    options = {
+        name: {one for each in verb.params for one in each.opts} for name, verb in main.commands.items()
+    }
+    assert options["calibrate"].isdisjoint({"--drop", "--marker-size-mm", "--mass-g", "--g", "--capture-fps"})
+    assert {"--marker-size-mm", "--mass-g", "--g", "--capture-fps"} <= options["frame-rate"]

@@ -1,4 +1,4 @@
-"""`analyze calibrate --drop`: the true frame rate of a camera from a video of a tag in free fall."""
+"""`analyze frame-rate`: the true frame rate of a camera from a video of a tag in free fall."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ STATED_G_SD = 0.002
 
 @dataclass(frozen=True)
 class DropOptions:
-    """Options of `analyze calibrate --drop`: the video, the falling tag and the camera."""
+    """Options of `analyze frame-rate`: the video, the falling tag and the camera."""
 
     source: Path
     """video, folder of images or recording"""
