@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 _NEWTON_STEPS = 12
 """number of Newton steps on a fisheye's theta"""
 _UNDISTORT_CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 1e-9)
-UNSTATED_STRAIN_SD = 5e-4
-"""standard deviation of the image's strain by a calibration that does not state it: 0.1 px over 200 px, as
-left by a usual calibration with a board"""
+UNSTATED_STRAIN_SD = 1e-3
+"""standard deviation of the image's strain by a calibration that does not state it: 0.2 px over 200 px, or fx
+and fy that differ by a thousandth, as in calibrations that report no more than their residuals"""
 MAX_FISHEYE_ANGLE_RAD = math.radians(80.0)
 """largest angle off a fisheye's axis [rad]; there an ideal pixel is 1/33 of a raw one, and a marker's edge
 cannot be fitted"""
