@@ -49,6 +49,7 @@ class WarningCode(enum.Enum):
     FRAME_RATE_WRONG = "frame_rate_wrong"
     FRAME_RATE_UNCHECKED = "frame_rate_unchecked"
     SHAPE_ERROR_ASSUMED = "shape_error_assumed"
+    STRIKES_SCATTER = "strikes_scatter"
 
 
 class ResultWarning(Document):

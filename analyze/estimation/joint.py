@@ -110,6 +110,8 @@ class JointSolution:
     """Prior of the moments at the estimated c; None if k is not used."""
     stated: SystematicErrors
     """Errors as stated before any strike; those of `model` have the sd of scatter and tilt by the strikes."""
+    factors: ErrorFactors
+    """Factors on the stated sd of scatter and tilt, by the strikes."""
 
 
 def solve_joint(
@@ -147,7 +149,7 @@ def solve_joint(
         if factors.similar(before):
             break
         found = _solve(planes, factors.applied(systematic), prior, moments, (found.x, found.weight))
-    return replace(found, stated=systematic)
+    return replace(found, stated=systematic, factors=factors)
 
 
 def _factors(
@@ -227,7 +229,7 @@ def _solve(
     spread = max(1.0, float(weight @ np.sum(z**2, axis=1)) / freedom) if freedom >= 1.0 else 1.0
     information = strikes_information(rows, weight / spread)
     covariance = np.asarray(np.linalg.inv(precision + information), dtype=np.float64)
-    return JointSolution(model, x, covariance, weight, spread, data, shape, systematic)
+    return JointSolution(model, x, covariance, weight, spread, data, shape, systematic, ErrorFactors())
 
 
 def prior_start(model: JointModel, prior: ComPrior, moments: MomentModel | None) -> tuple[Array, Array]:

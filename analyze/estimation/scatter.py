@@ -31,6 +31,8 @@ SCATTER_FACTORS = np.geomspace(0.2, 60.0, 64)
 are 1.7 degrees."""
 SCATTER_SCALE = SIGMAS_95 / 4.303
 """Scale of the prior of that factor; with 2 degrees of freedom the 95 % interval of t is then as stated."""
+EXCESS_FACTOR = 1.5
+"""Factor on the stated sd above which the scatter is reported if its whole 95 % interval lies there."""
 TILT_FACTORS = np.geomspace(0.2, 10.0, 14)
 """Factors on the stated sd of the table's tilt at which its likelihood is evaluated."""
 TILT_SCALE = 0.83
@@ -51,6 +53,8 @@ class ErrorFactors:
     """Factor on `SystematicErrors.strike_angle_sd`."""
     tilt: float = 1.0
     """Factor on the sd of the tilts of all levellings (set-ups of the table)."""
+    scatter_interval: tuple[float, float] = (0.0, float(SCATTER_FACTORS[-1]))
+    """95 % interval of the factor on `SystematicErrors.strike_angle_sd`."""
 
     def applied(self, stated: SystematicErrors) -> SystematicErrors:
         """Errors `stated` before the strikes, with the sd of scatter and tilt multiplied by the factors."""
@@ -62,6 +66,30 @@ class ErrorFactors:
         """True if both factors equal those of `other` to within `SIMILAR` of their size."""
         ratios = np.array([self.scatter / other.scatter, self.tilt / other.tilt])
         return bool(np.all(np.abs(np.log(ratios)) < SIMILAR))
+
+
+@dataclass(frozen=True)
+class ScatterRange:
+    """Sd of the balance angle from strike to strike beyond the fits' errors: stated, and by the strikes."""
+
+    stated: float
+    """1 sigma before any strike [rad]."""
+    low: float
+    """Lower end of the 95 % interval of the sd by the strikes [rad]."""
+    high: float
+    """Upper end of that interval [rad]."""
+
+    @property
+    def exceeds(self) -> bool:
+        """True if the whole 95 % interval of the sd lies above `EXCESS_FACTOR` times the stated sd."""
+        return self.low > EXCESS_FACTOR * self.stated
+
+
+def scatter_range(stated: SystematicErrors, factors: ErrorFactors) -> ScatterRange:
+    """Sd of the balance angle from strike to strike [rad] as `stated`, and its 95 % interval by `factors`."""
+    sd = stated.strike_angle_sd
+    low, high = factors.scatter_interval
+    return ScatterRange(sd, low * sd, high * sd)
 
 
 def estimated_factors(
@@ -76,8 +104,8 @@ def estimated_factors(
     """Factors on the stated sd of scatter and tilt, from the strikes.
 
     They are those with which a normal error has the 95 % interval of the posterior, in which the factor is
-    uncertain: the fewer strikes tell it, the larger, as with Student's t. The problem is linearised at the
-    unknowns `x`.
+    uncertain: the fewer strikes tell it, the larger, as with Student's t. The 95 % interval of the scatter's
+    factor is returned too. The problem is linearised at the unknowns `x`.
 
     Args:
         model: Model of the strikes, with the sds of scatter and tilt that `present` makes of the stated ones.
@@ -110,9 +138,12 @@ def estimated_factors(
     density += _log_prior(SCATTER_FACTORS, SCATTER_SCALE) + _log_prior(TILT_FACTORS, TILT_SCALE)[:, None]
     probability = np.exp(density - density.max())
     probability /= probability.sum()
+    scatter = probability.sum(axis=0)
+    low, high = np.interp([TAIL_95, 1 - TAIL_95], np.cumsum(scatter), SCATTER_FACTORS)
     return ErrorFactors(
-        _normal_factor(SCATTER_FACTORS, probability.sum(axis=0)),
+        _normal_factor(SCATTER_FACTORS, scatter),
         _normal_factor(TILT_FACTORS, probability.sum(axis=1)),
+        (float(low), float(high)),
     )
 
 

@@ -33,6 +33,7 @@ from analyze.estimation.mass_properties import CentreOfMass, InertialParameters,
 from analyze.estimation.part_masses import PartMasses, measured_moments, part_masses
 from analyze.estimation.priors import ComPrior, Scale
 from analyze.estimation.profile import profiled_posterior
+from analyze.estimation.scatter import ScatterRange, scatter_range
 from analyze.estimation.sensitivity import Sensitivity, sensitivity
 from analyze.estimation.shape_errors import Box, box_of, shape_errors
 from analyze.estimation.voxel_map import VoxelMap, voxel_map
@@ -163,6 +164,8 @@ class Estimate:
     """radii of the rounded pivot edges, as all strikes determine them"""
     radius_check: RadiusCheck | None
     """comparison of the stated edge radii with the strikes' own; None if none are stated"""
+    scatter: ScatterRange
+    """sd of the balance angle from strike to strike beyond the fits' errors, stated and by the strikes"""
     surface_error: SurfaceError | None
     """error of the shape's faces, assumed and estimated; None if the object file states it"""
 
@@ -315,6 +318,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         alternatives=estimate_alternatives(evidence, used, planes, priors, solution, struck),
         edge_radii=estimated_radii(solution),
         radius_check=radius_check,
+        scatter=scatter_range(systematic, solution.factors),
         surface_error=surface_error,
     )
 

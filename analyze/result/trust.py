@@ -16,6 +16,7 @@ from schemas.wording import counted
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from analyze.estimation.scatter import ScatterRange
     from analyze.estimation.what_ifs import Alternative
     from analyze.pipeline.estimate import Estimate
     from analyze.types import Array
@@ -94,6 +95,16 @@ def singular_text(estimate: Estimate) -> str:
     return f"the {shared.edges} struck edges {miss}: strike about an edge that does not lead there"
 
 
+def scatter_text(scatter: ScatterRange) -> str:
+    """Clause on balance angles that scatter from strike to strike more than usual [°], and what to do."""
+    low, high, usual = np.degrees([scatter.low, scatter.high, scatter.stated])
+    return (
+        f"the strikes' balance angles scatter by {low:.2g} to {high:.2g}° (1 sd), {usual:.1g}° is usual: the"
+        " pose at rest differed from strike to strike; clean the table and the object's underside, put it"
+        " down as planned, and strike again"
+    )
+
+
 def _com_text(estimate: Estimate) -> str:
     """Sentence on the centre of mass with its half width [mm]; begins with trust, doubt or not determined."""
     com = estimate.com
@@ -112,6 +123,8 @@ def _com_text(estimate: Estimate) -> str:
             f"doubt the centre of mass: it is known only to {1e3 * half:.1f} mm along"
             f" {_direction_text(vectors[:, -1])}; {singular_text(estimate)}"
         )
+    if estimate.scatter.exceeds:
+        return f"doubt the centre of mass, stated to {1e3 * half:.1f} mm: {scatter_text(estimate.scatter)}"
     broken = next((each for each in estimate.alternatives if not each.com_holds), None)
     if broken is not None and broken.unchecked:
         return (

@@ -18,7 +18,7 @@ from analyze.result.strike_warnings import (
     tracking_warnings,
 )
 from analyze.result.tilt import TILT_REMEDY, assumed_tilt
-from analyze.result.trust import singular_text
+from analyze.result.trust import scatter_text, singular_text
 from analyze.result.warning_text import names_text, warning
 from analyze.types import tensor_entry_name
 from schemas.result import FrameTimes, ResultWarning, WarningCode
@@ -56,6 +56,7 @@ def result_warnings(estimate: Estimate, frame_times: Sequence[FrameTimes]) -> li
         *_rate_warnings(estimate.evidence, frame_times),
         *_check_warnings(estimate, rates_possible=all(each.possible for each in frame_times)),
         *fit_warnings(estimate),
+        *_scatter_warnings(estimate),
         *_tilt_warnings(estimate),
         *_shape_warnings(estimate.surface_error),
         *_prior_warnings(estimate.inertial),
@@ -179,6 +180,12 @@ def _check_warnings(estimate: Estimate, *, rates_possible: bool) -> Iterator[Res
             yield warning(
                 WarningCode.STRIKE_NOT_PREDICTED, f"strike {each.left_out.strike_id}: {prediction_text(each)}"
             )
+
+
+def _scatter_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
+    """Yield a warning if the balance angles scatter from strike to strike more than usual."""
+    if estimate.scatter.exceeds:
+        yield warning(WarningCode.STRIKES_SCATTER, scatter_text(estimate.scatter))
 
 
 def _tilt_warnings(estimate: Estimate) -> Iterator[ResultWarning]:

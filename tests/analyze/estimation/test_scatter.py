@@ -11,6 +11,7 @@ import pytest
 from analyze.estimation.edge_radii import without_refuted_radii
 from analyze.estimation.joint import JointSolution, solve_joint
 from analyze.estimation.joint_model import COM
+from analyze.estimation.scatter import scatter_range
 from analyze.types import EquiPlane
 from tests.analyze.estimation.bodies import SIX_AXES
 from tests.analyze.estimation.drawn_sessions import BODY, ERRORS, PRIOR, model, session
@@ -65,6 +66,24 @@ def test_scatter_and_tilt_are_found_as_they_are():
     careful = [each.model.systematic for each in solutions(nothing, 5)]
     assert np.median([each.strike_angle_sd for each in careful]) <= ERRORS.strike_angle_sd
     assert np.median([each.gravity_tilt_sd for each in careful]) < 2 * ERRORS.gravity_tilt_sd
+
+
+def test_crumbs_alone_are_in_the_interval_and_reported():
+    planes = session(np.random.default_rng(0), SIX_AXES)[:9]
+    errors = replace(ERRORS, gravity_tilt_sd=1e-5, edge_radius_sd=1e-5, axis_angle_sd=1e-5)
+    first = solve_joint(planes, errors, PRIOR)
+    off = first.model.residual(first.x).tolist()
+    planes = [replace(plane, phi=plane.phi + by) for plane, by in zip(planes, off, strict=True)]
+    true = solve_joint(planes, errors, PRIOR)
+    assert not scatter_range(errors, true.factors).exceeds
+    z, reported = [], []
+    for seed in range(30):
+        struck = crumbs(np.random.default_rng(seed), planes)
+        found = solve_joint(struck, errors, PRIOR, initial=true)
+        z.append((found.x[COM] - true.x[COM]) / np.sqrt(np.diag(found.covariance[COM, COM])))
+        reported.append(scatter_range(errors, found.factors).exceeds)
+    assert np.mean(np.abs(z) < 1.96) >= 0.93
+    assert np.mean(reported) > 0.9
 
 
 def test_one_strike_far_off_is_an_outlier_and_no_scatter():

@@ -11,6 +11,7 @@ from analyze.pipeline.estimate import estimate_evidence
 from analyze.result.assessment import assessment
 from analyze.result.document import result_document
 from analyze.result.trust import quantity_sentences
+from schemas.result import WarningCode
 from tests.analyze.estimation.drawn_sessions import VERTEX_AXES
 from tests.analyze.pipeline.merged_sessions import BODY
 from tests.analyze.simulated_session import session
@@ -39,6 +40,23 @@ def test_sound_session_is_trusted_and_has_a_robustness_table(sound):
     assert table is not None
     assert {row.what_if for row in table} >= {"edge radius not given", "one strike left out"}
     assert all(row.com_holds and row.moments_hold for row in table)
+
+
+def test_poses_at_rest_that_differ_are_doubted_by_name():
+    """Crumbs of 0.3 degrees under the object: c was trusted, and nothing named the cause."""
+    rng = np.random.default_rng(4)
+    careful = session(BODY, rng)
+    crumbs = rng.normal(0, np.radians(0.3), len(careful.motions)).tolist()
+    motions = [
+        replace(motion, fit=replace(motion.fit, phi=motion.fit.phi + crumb))
+        for motion, crumb in zip(careful.motions, crumbs, strict=True)
+        if motion.fit is not None
+    ]
+    careless = estimate_evidence(replace(careful, motions=tuple(motions)))
+    com = next(each for each in assessment(careless) if "the centre of mass" in each)
+    assert com.startswith("doubt the centre of mass, stated to")
+    assert "the pose at rest differed from strike to strike" in com
+    assert any(each.code is WarningCode.STRIKES_SCATTER for each in result_document(careless).warnings)
 
 
 def test_singular_set_trusts_nothing_and_names_the_corner(singular):
