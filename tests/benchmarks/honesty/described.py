@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations
 
@@ -28,7 +28,9 @@ from tests.benchmarks.honesty.statics import G
 
 STRIKES = 9
 DRAWS = 4
-"""draws of a scan's errors per body"""
+"""draws of the errors of a body's description"""
+FORM_SD = 5e-5
+"""error of each face [m] of a shape that is stated as exact: bodies are made to hundredths of a millimetre"""
 CLOUD_POINTS = 6000
 LARGE_PLANE = 0.1
 """area over the largest resting plane's, above which a user puts the object on it"""
@@ -50,7 +52,7 @@ class Description:
 
 @lru_cache(maxsize=24)
 def description(name: str, disturbance: Disturbance, draw: int) -> Description | None:
-    """Description of a body with draw number `draw` of the disturbance's scan error.
+    """Description of a body with draw number `draw` of the errors of its shape and edge radius.
 
     None if the disturbance does not apply to the body: it has no three edges that meet, cannot be tipped, or
     all its edges are alike where a radius per edge is to be stated.
@@ -65,7 +67,7 @@ def description(name: str, disturbance: Disturbance, draw: int) -> Description |
     if disturbance.radius == "per edge":
         if np.ptp(body.radii) == 0:
             return None
-        spec = _with_edge_radii(spec, body, model)
+        spec = _with_edge_radii(spec, body, model, rng)
     own_hash = object_sha256(spec, data)
     bodies = tuple(bodies_of(spec, data, str(spec.shape.file))) if spec.labels else ()
     if disturbance.edges == "planned":
@@ -87,21 +89,19 @@ def planning_key(disturbance: Disturbance) -> Disturbance:
     return Disturbance(**{name: getattr(disturbance, name) for name in kept})
 
 
-def drawn(disturbance: Disturbance) -> bool:
-    """True if a description with this disturbance differs from draw to draw."""
-    return disturbance.scan != "none" or disturbance.edges == "own"
-
-
 def _stated(
     body: TrueBody, disturbance: Disturbance, rng: np.random.Generator
 ) -> tuple[ObjectSpec, bytes | None]:
-    """Object file and shape file with the errors of radius and scan."""
-    changes: dict[str, object] = {}
+    """Object file and shape file with errors of radius and shape, drawn as large as they are stated."""
+    off = rng.normal(0, RADIUS_SD)
+    changes: dict[str, object] = {"edge_radius_m": max(0.0, body.stated_radius[0] + off)}
     if disturbance.radius == "wrong":
         wrong = 1e-3 if np.median(body.radii) < 8e-4 else 3e-4
         changes |= {"edge_radius_m": wrong, "edge_radius_sd_m": 1e-4}
     shape, data, size = dict(body.shape), body.shape_bytes, float(np.ptp(body.centres, axis=0).max())
-    if disturbance.scan in ("scale", "offset", "faces"):
+    if disturbance.scan == "none":
+        shape, data = _distorted(body, replace(disturbance, scan="faces", scan_sd=FORM_SD), rng)
+    elif disturbance.scan in ("scale", "offset", "faces"):
         shape, data = _distorted(body, disturbance, rng)
     if disturbance.scan == "cloud":
         shape, data = {"file": "b.xyz", "unit": "mm"}, _cloud(body, disturbance.scan_sd, rng)
@@ -120,14 +120,17 @@ def _stated(
     return spec, data
 
 
-def _with_edge_radii(spec: ObjectSpec, body: TrueBody, model: ObjectModel) -> ObjectSpec:
-    """Object file with the radius of every edge, that of the contact spheres along it."""
+def _with_edge_radii(
+    spec: ObjectSpec, body: TrueBody, model: ObjectModel, rng: np.random.Generator
+) -> ObjectSpec:
+    """Object file with the radius of every edge as measured: that of the contact spheres, with an error."""
     entries = []
     for axis in pivot_axes(model, spec, resting_planes(model), hypothesis(model)):
         across = body.centres - axis.point
         across -= np.outer(across @ axis.direction, axis.direction)
         radius = float(body.radii[np.argsort(np.linalg.norm(across, axis=1))[:2]].mean())
-        entries.append(EdgeRadius(id=axis.id, radius_m=radius, radius_sd_m=RADIUS_SD))
+        measured = max(0.0, radius + rng.normal(0, RADIUS_SD))
+        entries.append(EdgeRadius(id=axis.id, radius_m=measured, radius_sd_m=RADIUS_SD))
     return spec.model_copy(update={"edge": entries})
 
 

@@ -23,7 +23,7 @@ from schemas.result import Result
 from schemas.strike_plan import PlannedStrike
 from tests.analyze.simulated_session import manifest
 from tests.benchmarks.honesty.bodies import MAKERS, Specimen, draw_specimen
-from tests.benchmarks.honesty.described import DRAWS, Description, description, drawn, planning_key
+from tests.benchmarks.honesty.described import DRAWS, Description, description, planning_key
 from tests.benchmarks.honesty.disturbances import DISTURBANCES, Disturbance
 from tests.benchmarks.honesty.images import analyse_images
 from tests.benchmarks.honesty.observed import T0, draw_view, observe
@@ -121,7 +121,7 @@ def run_session(
     made = specimen(body, seed % SPECIMENS)
     try:
         key = planning_key(disturbance)
-        described = description(body, key, seed % DRAWS if drawn(key) else 0)
+        described = description(body, key, seed % DRAWS)
     except AnalyzeError as error:
         return Trial(made, None, None, None, f"no plan: {error}", {})
     if described is None:
