@@ -29,7 +29,7 @@ class Disturbance:
     """"none", "scale", "offset" (whole surface), "faces" (each its own) or "cloud" (a point cloud)"""
     scan_sd: float = 0.0
     scan_stated: bool = True
-    """True if the object file states the error of the shape; each face of an undisturbed shape errs by 0.05 mm"""
+    """True if the object file states the error of the shape, 0 where it is undisturbed"""
     tag_place: float = 1e-4
     tag_turn: float = math.radians(0.05)
     unplaced: float | None = None
