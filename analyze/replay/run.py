@@ -27,9 +27,10 @@ from analyze.replay.viewer import ReplayError
 from schemas.wording import counted
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
+    from analyze.pipeline.evidence import StrikeSource
     from analyze.progress import Progress
     from analyze.reading.indexed_file import RecordedMessage
     from analyze.replay.target import Target
@@ -103,17 +104,19 @@ def _replay_complete(
     if damage is not None:
         sender.damage.append(damage)
     sender.add_pages(records, more=False)
+    measured = all(record.contact_time_ns for record in records)
     for done, record in enumerate(records):
         progress(f"strike {record.strike_id}", done, len(records) + 1)
-        sender.send_images(recording, record)
-        if done == 0:
+        for _ in _images_then_motion(recording, record, sender, more=False):
+            if done == 0:
+                target.first_strike_sent(sender.timelines.stream)
+            target.check()
+        if done == 0 and measured:
             _send_events(recording, sender)
-            target.first_strike_sent(sender.timelines.stream)
-        target.check()
-        sender.analyse_strike(recording, record, more=False)
         recording.release_memory()
     if not records:
         _send_images_without_strikes(recording, sender, options)
+    if not measured or not records:
         _send_events(recording, sender)
     target.check()
     return _finish(recording, sender, target, progress)
@@ -175,11 +178,32 @@ def _send_live(
         count = len(live.strikes)
         progress(f"strike {record.strike_id}", count - 1, count)
         sender.add_pages([record], more=True)
-        sender.send_images(live, record)
-        target.first_strike_sent(sender.timelines.stream)
-        sender.analyse_strike(live, record, more=True)
+        for _ in _images_then_motion(live, record, sender, more=True):
+            target.first_strike_sent(sender.timelines.stream)
         live.forget_until(record.window_end_ns)
-        target.first_strike_sent(sender.timelines.stream)
+
+
+def _images_then_motion(
+    source: StrikeSource, record: pb.StrikeRecord, sender: Sender, *, more: bool
+) -> Iterator[None]:
+    """Send a strike's images and its motion, and yield after each of the two.
+
+    Images come first, so that a viewer shows something at once. Where no striker measured the contact, they
+    come after the motion, which shows when it was: their times count from it.
+
+    Args:
+        source: recording.
+        record: the strike as recorded; its page must have been added.
+        sender: where to.
+        more: True if further strikes may follow.
+    """
+    if record.contact_time_ns:
+        sender.send_images(source, record)
+        yield
+    sender.analyse_strike(source, record, more=more)
+    if not record.contact_time_ns:
+        sender.send_images(source, record)
+    yield
 
 
 def _finish(recording: Recording, sender: Sender, target: Target, progress: Progress) -> ReplayResult:

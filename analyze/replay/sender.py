@@ -12,7 +12,7 @@ from analyze.replay.layout import ANSWER, StrikePage, layout
 from analyze.replay.palette import CYCLE, Colour
 from analyze.replay.pictures import ImageChoice, send_pictures
 from analyze.replay.session_scene import send_state_names
-from analyze.replay.timelines import Timelines, contact_of, strike_path
+from analyze.replay.timelines import Timelines, strike_path
 from analyze.replay.words import answer_text, no_answer_text, unread_text, waiting_text
 
 if TYPE_CHECKING:
@@ -79,6 +79,11 @@ class Sender:
             more: True if further strikes may follow.
         """
         self._pages += [StrikePage(record.strike_id) for record in records]
+        for record in records:
+            self._send_text(
+                f"{strike_path(record.strike_id)}/text",
+                unread_text(record.strike_id, record.verdict_code, "Its motion is being measured."),
+            )
         send_state_names(self.timelines, [record.strike_id for record in records])
         self._send_progress(more=more)
         newest = (self._pages[-1] if more else self._pages[0]).strike_id if self._pages else ANSWER
@@ -115,10 +120,12 @@ class Sender:
         from analyze.replay.views import balance_moment
         from schemas.strike_result import Verdict
 
-        motions = [reading.motion for reading in self._readings]
-        requested = [motion for motion in motions if motion.strike_id == self._options.page]
-        good = [motion for motion in motions if motion.verdict is Verdict.GOOD]
-        return balance_moment(next(iter([*requested, *good]), None))
+        requested = [each for each in self._readings if each.motion.strike_id == self._options.page]
+        good = [each for each in self._readings if each.motion.verdict is Verdict.GOOD]
+        shown = next(iter([*requested, *good]), None)
+        if shown is None:
+            return balance_moment(None, None)
+        return balance_moment(shown.motion, self.timelines.contact_of(shown.record))
 
     # --- strikes
 
@@ -129,16 +136,10 @@ class Sender:
             source: recording.
             record: the strike as recorded.
         """
-        root = strike_path(record.strike_id)
-        self._send_text(
-            f"{root}/text",
-            unread_text(record.strike_id, record.verdict_code, "Its motion is being measured."),
-        )
+        root, contact_ns = strike_path(record.strike_id), self.timelines.contact_of(record)
         frames = source.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns)
         try:
-            send_pictures(
-                self.timelines, f"{root}/camera/image", frames, contact_of(record), self._options.images
-            )
+            send_pictures(self.timelines, f"{root}/camera/image", frames, contact_ns, self._options.images)
         except RecordingError as error:
             self.damage.append(str(error))
 
@@ -156,6 +157,7 @@ class Sender:
         """
         from analyze.pipeline.read_evidence import read_strike
         from analyze.replay.strike_scene import send_strike
+        from analyze.replay.views import contact_from_motion
 
         struck, body = self._object(source)
         if struck is None or body is None:
@@ -181,6 +183,8 @@ class Sender:
             else page
             for page in self._pages
         ]
+        if not record.contact_time_ns and (contact_ns := contact_from_motion(reading.motion)) is not None:
+            self.timelines.state_contact(record.strike_id, contact_ns)
         tracks = () if reading.report is None else reading.report.tracks
         send_strike(self.timelines, record, reading.motion, tracks, body, self._colours()[record.strike_id])
         self._send_progress(more=more)

@@ -13,7 +13,7 @@ from google.protobuf.message import DecodeError
 
 from analyze.errors import RecordingError
 from analyze.replay.palette import CYCLE, RED, SESSION, SKY, STRIKER
-from analyze.replay.timelines import contact_of, strike_path
+from analyze.replay.timelines import strike_path
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
 from schemas.wording import counted
@@ -57,7 +57,7 @@ def _send_event(timelines: Timelines, message: RecordedMessage, records: Sequenc
     time_ns = message.log_time_ns
     holding = (each for each in records if each.window_start_ns <= time_ns <= each.window_end_ns)
     inside = next(holding, None)
-    contact = None if inside is None else contact_of(inside)
+    contact = None if inside is None else timelines.contact_of(inside)
     level = rr.TextLogLevel.INFO
     if message.topic == topics.STRIKER_EVENT.name:
         event = pb.StrikerEvent.FromString(bytes(message.data))

@@ -12,7 +12,7 @@ from analyze.pipeline.sections import rolling_outline
 from analyze.replay import overlay, views
 from analyze.replay.body import log_inside, log_shape
 from analyze.replay.palette import GREEN, GREY, ORANGE, PHASES, PURPLE, RED, SKY, TABLE, Colour
-from analyze.replay.timelines import contact_of, strike_path
+from analyze.replay.timelines import strike_path
 from analyze.replay.words import strike_text
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def send_strike(
         body: object, plan and camera.
         colour: colour of the strike's curve on the page that shows all strikes.
     """
-    root, contact = strike_path(record.strike_id), contact_of(record)
+    root, contact = strike_path(record.strike_id), timelines.contact_of(record)
     timelines.log_static(f"{root}/text", rr.TextDocument(strike_text(motion), media_type="text/markdown"))
     _tags(timelines, f"{root}/camera", contact, tracks)
     if motion.angle is None or len(motion.angle.time_ns) < 2:

@@ -19,14 +19,6 @@ if TYPE_CHECKING:
 SINCE_CONTACT, SESSION = "since_contact", "session"
 
 
-def contact_of(record: pb.StrikeRecord) -> int:
-    """Log time [ns] at which the striker touched the object, else the start of the strike's time window.
-
-    The window is the span of recorded images. Its start is given if no time of contact was recorded.
-    """
-    return record.contact_time_ns or record.window_start_ns
-
-
 def strike_path(strike_id: str) -> str:
     """Entity path in the replay under which everything of a strike is logged."""
     return rr.new_entity_path(["strike", strike_id])
@@ -43,6 +35,19 @@ class Timelines:
     def __init__(self, stream: rr.RecordingStream, origin_ns: int) -> None:
         self.stream = stream
         self.origin_ns = origin_ns
+        self._contacts: dict[str, int] = {}
+
+    def state_contact(self, strike_id: str, contact_ns: int) -> None:
+        """State the contact's log time [ns] of a strike in whose record it is unknown."""
+        self._contacts[strike_id] = contact_ns
+
+    def contact_of(self, record: pb.StrikeRecord) -> int:
+        """Log time [ns] at which the striker touched the object, the zero of the strike's `since_contact`.
+
+        It is the measured time, else the one stated with `state_contact`, else the start of the strike's
+        window (span of recorded images).
+        """
+        return record.contact_time_ns or self._contacts.get(record.strike_id, record.window_start_ns)
 
     def set_time(self, time_ns: int, contact_ns: int | None) -> None:
         """Set the time of all data logged from now on.

@@ -10,6 +10,7 @@ from scipy.spatial import ConvexHull
 
 from analyze.estimation.mass_properties import CentreOfMass
 from analyze.geometry.rotations import matrix_from_vector
+from analyze.motion.contact_time import contact_time
 from analyze.motion.settings import MotionSettings
 from analyze.motion.sign_change import angular_acceleration
 from analyze.result.document import result_document
@@ -106,17 +107,42 @@ def drawn_answer(estimate: Estimate) -> DrawnAnswer:
     return DrawnAnswer(result_document(estimate), estimate.planes, estimate.com, regions, estimate.voxels)
 
 
-def balance_moment(motion: TipMotion | None) -> float:
-    """Approximate time since contact [s] at which the object is at its balance; 0.2 s if not known.
+def contact_from_motion(motion: TipMotion) -> int | None:
+    """Log time [ns] of the contact as a strike's motion shows it; None if no motion was measured.
 
-    It is the duration of stage one: the free motion up to the balance, or to its end if the balance is not
-    reached. 0.2 s is returned if no tipping angle was measured or stage one did not occur.
+    It is the impact to which the fitted pendulum leads back, else the first frame that moves.
     """
-    if motion is None or motion.angle is None or motion.phases is None or motion.phases.stage_one is None:
+    if motion.angle is None or motion.phases is None or motion.phases.strike is None:
+        return None
+    time_ns, (first, last) = motion.angle.time_ns, motion.phases.strike
+    impact = None if motion.fit is None else contact_time(motion.fit)
+    if impact is None:
+        return int(time_ns[first])
+    # Whatever the fit says, not before the last frame at rest, nor after the begin of the free motion.
+    low, high = time_ns[max(first - 1, 0)], time_ns[min(last, len(time_ns) - 1)]
+    return int(np.clip(impact.time_ns, low, high))
+
+
+def balance_moment(motion: TipMotion | None, contact_ns: int | None) -> float:
+    """Time since contact [s] at which the object is at its balance; 0.2 s if not known.
+
+    It is the end of stage one, the free motion up to the balance, or up to its end if the balance is not
+    reached. 0.2 s is returned if no tipping angle was measured or stage one did not occur.
+
+    Args:
+        motion: motion of the strike; None if there is none.
+        contact_ns: log time of the contact [ns]; None if there is no strike.
+    """
+    if (
+        motion is None
+        or contact_ns is None
+        or motion.angle is None
+        or motion.phases is None
+        or motion.phases.stage_one is None
+    ):
         return 0.2
-    first, last = motion.phases.stage_one
     time_ns = motion.angle.time_ns
-    return float(time_ns[min(last, len(time_ns) - 1)] - time_ns[first]) * 1e-9
+    return float(time_ns[min(motion.phases.stage_one[1], len(time_ns) - 1)] - contact_ns) * 1e-9
 
 
 def measured_curves(angle: TipAngle) -> MotionCurves:

@@ -8,7 +8,6 @@ import pytest
 from analyze.pipeline.read_evidence import placed_markers, read_strike, struck_object
 from analyze.reading.recording import open_recording
 from analyze.replay import overlay, views
-from analyze.replay.timelines import contact_of
 from analyze.tracking.camera_model import camera_from_spec
 from analyze.tracking.pose import marker_corners
 from analyze.types import CameraModel
@@ -30,7 +29,7 @@ def read():
 def test_projected_tag_of_the_fitted_pose_lies_on_the_detected_tag(read):
     _, markers, reading, planned, camera = read
     tracks, motion = reading.report.tracks, reading.motion
-    rest = overlay.pose_at_rest(planned, tracks, markers, camera, contact_of(reading.record))
+    rest = overlay.pose_at_rest(planned, tracks, markers, camera, reading.record.contact_time_ns)
     at = views.fitted_angle(motion.angle, motion.fit, views.fitted_curves(motion.angle, motion.fit))
     R, p = views.object_poses(planned, at, None, rest)
     (track,) = tracks

@@ -15,7 +15,7 @@ from rerun.chunk import RrdReader
 
 from analyze.cli import main
 from analyze.pipeline.read_evidence import read_strike
-from analyze.reading.recording import open_recording
+from analyze.reading.recording import Recording, open_recording
 from analyze.replay.pictures import ImageChoice, send_pictures
 from analyze.replay.recording_file import find_recording
 from analyze.replay.run import replay_recording
@@ -58,6 +58,15 @@ class RrdContents:
     def images(self, entity: str) -> list[bytes]:
         return [bytes(blob) for blob in self._cells(entity, "blob")]
 
+    def seconds(self, entity: str) -> list[float]:
+        """Times [s] of an entity's rows since the contact."""
+        return [
+            time.total_seconds()
+            for chunk in self.chunks[entity]
+            if not chunk.is_static
+            for time in chunk.to_record_batch().column("since_contact").to_pylist()
+        ]
+
     def _cells(self, entity: str, ending: str) -> list:
         batches = [chunk.to_record_batch() for chunk in self.chunks[entity]]
         return [
@@ -67,6 +76,20 @@ class RrdContents:
             if name.endswith(ending)
             for row in b.column(name).to_pylist()
         ]
+
+
+def _without_contacts(strikes):
+    """The getter `strikes` of a recording, with the contacts' times taken out of the records."""
+
+    def cleared(recording):
+        found = []
+        for record in strikes.__get__(recording):
+            copy = type(record).FromString(record.SerializeToString())
+            copy.contact_time_ns = 0
+            found.append(copy)
+        return found
+
+    return cleared
 
 
 def strike(name: str, part: str) -> str:
@@ -148,6 +171,24 @@ def test_first_strike_is_sent_first(sample):
     _, _, steps = sample
     assert [text for text, _, _ in steps] == [*(f"strike {name}" for name in STRIKES), "estimating"]
     assert all(done < total for _, done, total in steps)
+
+
+@pytest.mark.usefixtures("read_before")
+def test_contact_unknown_to_the_recording_is_the_zero_of_its_time_all_the_same(sample, tmp_path, monkeypatch):
+    """Imported videos name no contact: their zero was the window's start, and a screenshot showed rest."""
+    monkeypatch.setattr(Recording, "strikes", property(_without_contacts(Recording.strikes)))
+    without_answer = ReplayOptions(exclude=frozenset(STRIKES[1:]))
+    done, shown, _ = replay(FIRST_SAMPLE, tmp_path / "imported.rrd", without_answer)
+    known_done, known, _ = sample
+    assert done.moment_s == pytest.approx(known_done.moment_s, abs=0.006)
+    for name in STRIKES:
+        for part in ("camera/image", "camera/tags", "theta/measured"):
+            now, before = (each.seconds(strike(name, part)) for each in (shown, known))
+            assert len(now) == len(before)
+            assert np.abs(np.array(now) - before).max() < 0.006  # a frame at 180 Hz
+        assert 5 <= shown.rows(strike(name, "camera/image_before")) <= 12
+        assert shown.rows(strike(name, "camera/ghost")) > 20
+    assert shown.rows("/log/striker") == known.rows("/log/striker")
 
 
 def test_images_are_jpeg_at_reduced_rate_by_default(tmp_path):

@@ -104,8 +104,18 @@ def test_drawn_answer_has_regions_and_a_density_for_every_cell(estimate):
     assert len(answer.voxels.points) == len(answer.voxels.density)
 
 
-def test_balance_moment_is_the_length_of_stage_one_or_a_default(evidence):
+def test_balance_moment_is_the_end_of_stage_one_or_a_default(evidence):
     motion = evidence.motions[0]
-    assert 0.02 < views.balance_moment(motion) < 0.6
-    assert views.balance_moment(None) == pytest.approx(0.2)
-    assert views.balance_moment(dataclasses.replace(motion, angle=None)) == pytest.approx(0.2)
+    contact = views.contact_from_motion(motion)
+    assert 0.02 < views.balance_moment(motion, contact) < 0.6
+    assert views.balance_moment(None, None) == pytest.approx(0.2)
+    assert views.balance_moment(dataclasses.replace(motion, angle=None), contact) == pytest.approx(0.2)
+
+
+def test_contact_from_the_motion_is_the_begin_of_the_tip_within_a_frame(evidence):
+    for motion in evidence.motions:
+        time_ns = motion.angle.time_ns
+        assert abs(views.contact_from_motion(motion) - time_ns[29]) <= time_ns[1] - time_ns[0]
+    assert views.contact_from_motion(dataclasses.replace(motion, phases=None)) is None
+    first = motion.angle.time_ns[motion.phases.strike[0]]
+    assert views.contact_from_motion(dataclasses.replace(motion, fit=None)) == first
