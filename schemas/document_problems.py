@@ -17,6 +17,8 @@ from pydantic_core import ErrorDetails
 
 MAX_NAMED_KEYS = 5
 """Keys of one problem that the line names; further ones are counted."""
+MAX_KNOWN_KEYS = 16
+"""Keys of a section that the line lists; a section with more is not listed."""
 MAX_SHOWN_LENGTH = 40
 """Characters of a key or value that the line shows."""
 
@@ -61,7 +63,7 @@ def problems_in_one_line(
         hints = [_hint(loc, model, data, missing) for loc in unknown[:MAX_NAMED_KEYS]] if by_hand else []
         meant = [loc for _, loc in hints if loc is not None]
         missing = [loc for loc in missing if loc not in meant]
-        parts.append(_unknown_text(unknown, [text for text, _ in hints if text]))
+        parts.append(_unknown_text(unknown, list(dict.fromkeys(text for text, _ in hints if text))))
     if missing:
         named = [_remedy(loc, model) if by_hand else f"'{_dotted(loc)}'" for loc in missing]
         parts.append(f"missing: {'add ' if by_hand else ''}{_listed(named)}")
@@ -113,7 +115,8 @@ def _hint(
 
     Returns:
         The text ("mass_kg?", or the advice to move the key above the first section) and the path of a missing
-        or optional key; "" and None if no key of the table has a similar name.
+        or optional key. If no key of the table has a similar name, the text lists the keys that a section
+        takes ("" for the document itself), and the path is None.
     """
     table, name = loc[:-1], str(loc[-1])
     if table and (name,) in missing:
@@ -127,7 +130,15 @@ def _hint(
     for names in (wanted, free):
         for likely in difflib.get_close_matches(name, names, n=1):
             return f"{likely}?", (*table, likely)
-    return "", None
+    return (_known_keys(table, here), None) if table else ("", None)
+
+
+def _known_keys(table: Path, model: type[BaseModel]) -> str:
+    """Keys that a table may have, as "[shape] takes file, unit, box and cylinder"."""
+    *names, last = model.model_fields
+    if len(names) >= MAX_KNOWN_KEYS:
+        return ""
+    return f"{_section(table)} takes {', '.join(names)} and {last}" if names else f"it takes {last}"
 
 
 def _remedy(loc: Path, model: type[BaseModel]) -> str:

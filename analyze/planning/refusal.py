@@ -82,7 +82,10 @@ def refusal_message(
     if candidates:
         worst = unknown_direction(np.array([each.normal for each in candidates]))
         along = ", ".join(f"{value:.2f}" for value in np.round(worst, 2) + 0.0)
-        state = f"the {len(candidates)} usable axes leave the centre of mass unknown along ({along})"
+        state = (
+            f"the {counted(len(candidates), 'usable axis', 'leaves')} the centre of mass unknown "
+            f"along ({along})"
+        )
     if counts:
         tried = "edges and faces" if unscanned.CODE in counts else "axes" if len(axes) > 1 else "axis"
         reasons = f"{len(axes)} {tried} rejected: {rejection_summary(axes)}"
@@ -136,8 +139,8 @@ def _shape_message(
         )
     if not stable:
         return (
-            f"it has {len(flat)} flat faces, but may fall over on each: the centre of mass may lie outside "
-            f"every support: put it on a stand, or {FOOT}"
+            f"it has {counted(len(flat), 'flat face')}, but may fall over on each: the centre of mass may "
+            f"lie outside every support: put it on a stand, or {FOOT}"
             if flat
             else f"it has no flat face to rest on, it rolls: put it on a stand, or {FOOT}"
         )

@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from schemas.strike_plan import StrikePlan
+from schemas.wording import counted
 
 MAX_NAMED_STRIKES = 12
 """largest number of missing strikes whose ids `PlannedStrikes.text` lists"""
@@ -23,17 +24,20 @@ class PlannedStrikes:
     missing: tuple[str, ...]
     """ids of the strikes of the plan that were not struck"""
 
-    def text(self) -> str:
+    def text(self, *, so_far: bool = False) -> str:
         """One line for the user, such as "2 of 3 planned strikes were struck; missing: s2".
 
-        At most `MAX_NAMED_STRIKES` ids are listed, then "and n more".
+        At most `MAX_NAMED_STRIKES` ids are listed, then "and n more"; none with `so_far`, for a session that
+        still runs.
         """
         named = ", ".join(self.missing[:MAX_NAMED_STRIKES])
         unnamed = len(self.missing) - MAX_NAMED_STRIKES
         more = f" and {unnamed} more" if unnamed > 0 else ""
         missing = f"; missing: {named}{more}" if self.missing else ""
         made = len(self.planned) - len(self.missing)
-        return f"{made} of {len(self.planned)} planned strikes were struck{missing}"
+        if so_far:
+            return f"{made} of {counted(len(self.planned), 'planned strike')} struck so far"
+        return f"{made} of {counted(len(self.planned), 'planned strike', 'was')} struck{missing}"
 
 
 def planned_strikes(plan: StrikePlan, struck: Iterable[str]) -> PlannedStrikes:

@@ -116,7 +116,7 @@ def render_bodies(files: ObjectFiles, bodies: list[Body], console: Terminal | No
 def _repair_text(body: Body) -> str:
     """Remark on a body that is not closed, or whose holes were closed; empty if there is none."""
     if body.open_edges:
-        return f" (not closed: {body.open_edges} open edges; it cannot be a part)"
+        return f" (not closed: {counted(body.open_edges, 'open edge')}; it cannot be a part)"
     return f" (holes of {counted(body.filled_edges, 'edge')} closed)" if body.filled_edges else ""
 
 

@@ -16,7 +16,7 @@ from analyze.verbs.outputs import refuse_outputs
 from schemas.command_line import PROBLEM
 
 if TYPE_CHECKING:
-    from analyze.replay.recording_file import RecordingFile
+    from analyze.reading.recording_file import RecordingFile
     from analyze.replay.run import ReplayResult
     from analyze.replay.target import ToFile, ToViewer
 
@@ -71,7 +71,7 @@ class _ReplayArguments:
 @pass_options(_ReplayArguments)
 def replay(arguments: _ReplayArguments) -> None:
     """Show a recording in rerun; follows a session that still runs."""
-    from analyze.replay.recording_file import find_recording
+    from analyze.reading.recording_file import find_recording
     from analyze.replay.target import ToFile, ToViewer, ViewerClosed
 
     if arguments.web and arguments.outputs:

@@ -110,12 +110,10 @@ def _medians(pairs: list[tuple[Outcome, Outcome]]) -> tuple[int, tuple[float, fl
 
 def _reason(text: str) -> str:
     """Reason of a refusal and its remedy, without the numbers of the body."""
-    if "flat faces" in text:
+    if "flat face" in text and "no flat face" not in text:
         return "no flat face it is sure to stay on"
     remedy = text.rsplit(": ", 1)[-1]
-    state = (
-        "some axes, but a direction of c stays unknown" if "usable axes leave" in text else "no axis passes"
-    )
+    state = "some axes, but a direction of c stays unknown" if " usable ax" in text else "no axis passes"
     return f"{state}; {remedy}"
 
 

@@ -28,7 +28,7 @@ _RERUN = str(Path(rerun_cli.__file__).parent / "rerun")
 _SENT_ONLY = """
 import sys
 from pathlib import Path
-from analyze.replay.recording_file import find_recording
+from analyze.reading.recording_file import find_recording
 from analyze.replay.run import replay_recording
 from analyze.replay.sender import ReplayOptions, Sender
 from analyze.replay.target import to_file

@@ -141,6 +141,13 @@ def test_invalid_objects_give_one_line_that_names_the_entry(old, new, says):
             "unknown key 'shape.box.size_mm': remove it or correct its spelling (size_m?)",
         ),
         (
+            GOOD.replace("[shape.box]\nsize_m", "[shape.sphere]\nradius_m"),
+            (
+                "unknown key 'shape.sphere': remove it or correct its spelling ([shape] takes file, unit, "
+                "scale_sd, surface_sd_m, box and cylinder)"
+            ),
+        ),
+        (
             GOOD + "\n[[marker]]\nid = 3\n",
             "missing: add size_m = ... in [[marker]] number 2 (edge of the black square, in metres)",
         ),

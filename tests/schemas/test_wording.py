@@ -15,7 +15,8 @@ SOURCES = [path for name in ("acquire", "analyze", "schemas") for path in (ROOT 
 UNCOUNTED = ("analyze/motion/", "analyze/estimation/", "analyze/geometry/")
 """folders of computations, whose few messages with numbers name the several that are too few or too many"""
 THINGS = re.compile(
-    r" (?:more |good |damaged )?(strikes|frames|images|views|tags|markers|messages|recordings|sessions|rows|"
+    r" (?:more |good |damaged |planned |usable |flat |open )?("
+    r"strikes|frames|images|views|tags|markers|messages|recordings|sessions|rows|"
     r"pages|samples|topics|attachments|chunks|edges|falls|cells|files|faces(?! the)|corners|"
     r"sources|axes|tips|records)\b"
 )

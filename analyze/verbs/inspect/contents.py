@@ -15,11 +15,15 @@ EARLIEST_REAL_TIME_NS = 946_684_800_000_000_000
 clock"""
 
 
-def inspect_contents(contents: McapContents) -> dict[str, Any]:
+def inspect_contents(contents: McapContents, *, growing: bool = False) -> dict[str, Any]:
     """Contents and health of any MCAP file, with or without a session, as JSON values.
 
     Times are log times [ns]; `start_ns` and `end_ns` are None if the file contains no message. `health` lists
     problems as text.
+
+    Args:
+        contents: the file as read.
+        growing: True if it is still being written: its open end is no problem.
     """
     topics = [_topic(contents, name) for name in contents.topics()]
     return {
@@ -27,6 +31,7 @@ def inspect_contents(contents: McapContents) -> dict[str, Any]:
         "kind": "mcap",
         "bytes": contents.size,
         "complete": contents.finished,
+        "growing": growing,
         "profile": contents.profile,
         "library": contents.library,
         "messages": contents.messages,
@@ -44,7 +49,7 @@ def inspect_contents(contents: McapContents) -> dict[str, Any]:
         "publish_delay_s": float(np.median(contents.delays_ns) * 1e-9) if contents.delays_ns else None,
         "attachments": contents.attachments,
         "metadata": contents.metadata,
-        "health": _health(contents, topics),
+        "health": _health(contents, topics, growing=growing),
     }
 
 
@@ -131,19 +136,19 @@ def out_of_order_lines(topics: list[dict[str, Any]]) -> list[str]:
     ]
 
 
-def _health(contents: McapContents, topics: list[dict[str, Any]]) -> list[str]:
+def _health(contents: McapContents, topics: list[dict[str, Any]], *, growing: bool) -> list[str]:
     """Problems of a recording's file as lines of text, each with a remedy if there is one; may be empty.
 
     The order of messages is not checked here (`out_of_order_lines`).
     """
     recover = f"`acquire recover {contents.path} -o NEW.mcap`"
     found: list[str] = []
-    if not contents.finished:
+    if not contents.finished and not growing:
         found.append(
             f"cut short or damaged: the last {counted(contents.unread_bytes, 'byte', 'is')} no complete "
             f"record: {recover} saves the rest"
         )
-    elif contents.compression and not contents.indexed:
+    elif contents.finished and contents.compression and not contents.indexed:
         found.append(f"no index, so that readers must read all of it: {recover} writes one")
     found += [f"damaged: {text}: {recover} saves what can be read" for text in dict.fromkeys(contents.damage)]
     if contents.stated_messages not in {None, contents.messages}:

@@ -13,6 +13,7 @@ from analyze.reading.file_series import missing_files_text
 from analyze.reading.mcap_contents import read_contents
 from analyze.reading.planned_strikes import PlannedStrikes, planned_strikes
 from analyze.reading.recording import Recording, TopicInfo, open_partial, open_recording
+from analyze.reading.recording_file import existing_file, is_growing
 from analyze.verbs.inspect.contents import inspect_contents, out_of_order_lines, time_span, time_table
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
@@ -26,7 +27,8 @@ MIN_GAP_PERIODS = 1.5
 def inspect_recording(path: Path, progress: Progress | None = None) -> dict[str, Any]:
     """Inspect a file: contents and health of any MCAP file, and the session if it is a recording.
 
-    A file that is cut short is inspected as far as it goes.
+    A file that is cut short, or still being written, is inspected as far as it goes. NAME.mcap may still be
+    NAME.mcap.part.
 
     Args:
         path: the file.
@@ -38,8 +40,29 @@ def inspect_recording(path: Path, progress: Progress | None = None) -> dict[str,
     Raises:
         RecordingError: the file is missing, not MCAP, or a damaged recording.
     """
+    found = existing_file(path)
+    try:
+        return _inspect(found, progress)
+    except (RecordingError, OSError):
+        if found.exists():
+            raise
+        # Its writer finished it meanwhile, and gave it its final name.
+        return _inspect(existing_file(path), progress)
+
+
+def _inspect(path: Path, progress: Progress | None) -> dict[str, Any]:
+    """Inspect the existing file `path`, as `inspect_recording` does.
+
+    Raises:
+        RecordingError: as in `inspect_recording`.
+        OSError: the file has vanished.
+    """
+    before = path.stat() if path.exists() else None
+    if before is not None and before.st_size == 0 and is_growing(path, before):
+        raise RecordingCut(f"{path}: is still empty, and being written: try again in a few seconds")
     contents = read_contents(path, progress)
-    general = inspect_contents(contents)
+    growing = before is not None and not contents.finished and is_growing(path, before)
+    general = inspect_contents(contents, growing=growing)
     if MANIFEST_NAME not in contents.metadata:
         return general | {"health": general["health"] + out_of_order_lines(general["topics"])}
     try:
@@ -105,18 +128,19 @@ def _describe(recording: Recording, general: dict[str, Any], *, complete: bool) 
             if event.kind == pb.StrikerEvent.FAULT
         ],
     }
-    return session | {"health": general["health"] + _health(session)}
+    return session | {"health": general["health"] + _health(session, growing=general["growing"])}
 
 
 def _topic(recording: Recording, topic: TopicInfo) -> dict[str, Any]:
     return {"name": topic.name, "schema": topic.schema, **time_table(recording.times(topic.name))}
 
 
-def _health(session: dict[str, Any]) -> list[str]:
+def _health(session: dict[str, Any], *, growing: bool) -> list[str]:
     """Problems of a session as lines of text, each with a remedy if there is one; may be empty.
 
     Args:
         session: what `analyze inspect` reports on the session, as JSON values; has no entry `health` yet.
+        growing: True if the file is still being written: strikes to come are not missing.
     """
     path = session["files"][0]["path"]
     found: list[str] = []
@@ -147,7 +171,7 @@ def _health(session: dict[str, Any]) -> list[str]:
         found.append("images missing: " + ", ".join(f"{count} of {name}" for name, count in missing.items()))
     found += [f"striker fault: {fault['text']}" for fault in session["faults"]]
     plan = session["plan"]
-    if plan is not None and plan["missing"]:
+    if plan is not None and plan["missing"] and not growing:
         done = PlannedStrikes(tuple(plan["planned"]), tuple(plan["missing"]))
         found.append(
             f"{done.text()}: `analyze plan OBJECT.toml --given {Path(path).name}` plans the strikes worth "

@@ -61,8 +61,8 @@ def render_inspection(found: dict[str, Any], console: Terminal | None = None) ->
         console.print(_strikes(found["strikes"], console.width))
         console.print()
     plan = found.get("plan")
-    if plan is not None and not plan["missing"]:
-        write(PlannedStrikes(tuple(plan["planned"]), ()).text())
+    if plan is not None and (found["growing"] or not plan["missing"]):
+        write(PlannedStrikes(tuple(plan["planned"]), tuple(plan["missing"])).text(so_far=found["growing"]))
     _write_health(found["health"], write)
 
 
@@ -74,7 +74,9 @@ def _write_health(problems: Sequence[str], write: Any) -> None:
 
 
 def _state(found: dict[str, Any]) -> str | tuple[str, str]:
-    """Whether the file is complete, with a style if it is not."""
+    """Whether the file is complete, cut short or being written, with a style if it is not complete."""
+    if found["growing"]:
+        return "still being written", "bold yellow"
     if not found["complete"]:
         return "cut short", "bold red"
     plan = found.get("plan")

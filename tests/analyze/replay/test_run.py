@@ -16,8 +16,8 @@ from rerun.chunk import RrdReader
 from analyze.cli import main
 from analyze.pipeline.read_evidence import read_strike
 from analyze.reading.recording import Recording, open_recording
+from analyze.reading.recording_file import find_recording
 from analyze.replay.pictures import ImageChoice, send_pictures
-from analyze.replay.recording_file import find_recording
 from analyze.replay.run import replay_recording
 from analyze.replay.sender import ReplayOptions
 from analyze.replay.target import ToViewer, to_file
@@ -383,7 +383,7 @@ def test_running_session_is_followed_strike_by_strike(recorded, tmp_path, monkey
 
 def test_interrupted_session_is_reported_once_its_file_stops_growing(tmp_path, monkeypatch):
     monkeypatch.setattr("analyze.replay.run._POLL_S", 0.02)
-    monkeypatch.setattr("analyze.replay.recording_file.STILL_S", 0.3)
+    monkeypatch.setattr("analyze.reading.recording_file.STILL_S", 0.3)
     data = FIRST_SAMPLE.read_bytes()
     part = tmp_path / "dead.mcap.part"
     part.write_bytes(data[: len(data) // 2])

@@ -13,8 +13,8 @@ from pathlib import Path
 import cv2
 import pytest
 
+from analyze.reading.recording_file import find_recording
 from analyze.replay.picture import screenshot
-from analyze.replay.recording_file import find_recording
 from analyze.replay.run import replay_recording
 from analyze.replay.sender import ReplayOptions
 from analyze.replay.target import to_file

@@ -112,7 +112,7 @@ def test_finished_session_is_called_complete(tmp_path: Path) -> None:
     small.write_recording(tmp_path / "a.mcap", plan=_planned("s1"))
     text = _rendered(tmp_path / "a.mcap")
     assert ", complete" in text
-    assert "1 of 1 planned strikes were struck\n" in text
+    assert "1 of 1 planned strike was struck\n" in text
 
 
 def test_recording_without_a_readable_plan_is_inspected(tmp_path: Path) -> None:

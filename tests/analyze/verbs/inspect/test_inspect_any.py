@@ -28,6 +28,7 @@ EVERY_FILE = {
     "kind",
     "bytes",
     "complete",
+    "growing",
     "profile",
     "library",
     "messages",

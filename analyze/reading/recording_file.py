@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,11 +39,7 @@ def find_recording(file: Path) -> RecordingFile:
         RecordingError: the file does not exist, cannot be read, is empty and no longer written to, or is not
             a recording.
     """
-    path = file
-    if not file.exists() and file.suffix != _PART and (part := file.with_name(file.name + _PART)).exists():
-        path = part
-    elif not file.exists() and file.suffix == _PART and file.with_suffix("").exists():
-        path = file.with_suffix("")
+    path = existing_file(file)
     try:
         with path.open("rb") as stream:
             head = stream.read(len(_MAGIC))
@@ -56,6 +53,30 @@ def find_recording(file: Path) -> RecordingFile:
     if head[: len(_MAGIC)] != _MAGIC[: len(head)]:
         raise RecordingError(f"{file}: is not a recording: it does not begin like an MCAP file")
     return RecordingFile(path, growing)
+
+
+def existing_file(file: Path) -> Path:
+    """Path of the file that exists: NAME.mcap may still be NAME.mcap.part, or the reverse; else `file`."""
+    if file.exists():
+        return file
+    other = file.with_suffix("") if file.suffix == _PART else file.with_name(file.name + _PART)
+    return other if other.exists() else file
+
+
+def is_growing(path: Path, before: os.stat_result) -> bool:
+    """True if an unfinished file is being written: it changed while it was read, or is a fresh `.part` file.
+
+    Args:
+        path: the file.
+        before: its state before it was read.
+    """
+    if path.suffix == _PART and is_fresh(path):
+        return True
+    try:
+        after = path.stat()
+    except OSError:
+        return False
+    return (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns)
 
 
 def is_fresh(path: Path) -> bool:
