@@ -18,22 +18,14 @@ import pytest
 from schemas.object_spec import ObjectSpec
 from schemas.quantity import RENAMED, RenamedDocument
 from schemas.rig import RigConfig
+from tests.docs.pages import DOCS, FENCE, PAGES, snippets, text_of
 from tests.places import ROOT
 
-DOCS = ROOT / "docs"
-PROJECT_PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "recordings/README.md")
-PAGES = sorted(DOCS.rglob("*.md")) + [ROOT / name for name in PROJECT_PAGES]
-FENCE = re.compile(r"^ *```(\w*)[^\n]*\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)|^```\{(?:image|figure|include)\} (\S+)$", re.MULTILINE)
 SPAN = re.compile(r"`((?:analyze|acquire|make) [^`]+)`")
 HEADING = re.compile(r"^#{1,6} (.+)$", re.MULTILINE)
 TARGET = re.compile(r"^\(([\w-]+)\)=$", re.MULTILINE)
 ids = [page.relative_to(ROOT).as_posix() for page in PAGES]
-
-
-@cache
-def text_of(page: Path) -> str:
-    return page.read_text(encoding="utf-8")
 
 
 def prose_of(page: Path) -> str:
@@ -47,10 +39,6 @@ def anchors_of(page: Path) -> set[str]:
     plain = [re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading) for heading in HEADING.findall(prose_of(page))]
     slugs = {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in plain}
     return slugs | set(TARGET.findall(text_of(page)))
-
-
-def snippets(page: Path, language: str) -> list[str]:
-    return [body for kind, body in FENCE.findall(text_of(page)) if kind == language]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=ids)

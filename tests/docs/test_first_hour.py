@@ -1,0 +1,227 @@
+"""The first hour of a newcomer: shell blocks of README, tutorial and how-to guides, as printed, in order.
+
+Each page runs in a copy of the project of its own, with the environment of `make setup`. Before a page that
+names a user's files the copy gets them: rendered videos for the phone (tests/docs/phone_videos.py), the
+recording made of them, the committed sample. Not run is only what `NOT_RUN` names, with its reason. A window
+cannot open here: what `analyze replay` would show is written to a file.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.docs.pages import DOCS, snippets
+from tests.docs.phone_videos import write_videos
+from tests.places import ROOT
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1200)]
+
+FRONT = ("README.md", "docs/index.md", "docs/tutorial/virtual-rig.md")
+"""pages that are read one after the other, in one shell"""
+PHONE = "docs/tutorial/phone.md"
+HOW_TO = sorted(page.relative_to(ROOT).as_posix() for page in (DOCS / "how-to").glob("*.md"))
+NEEDS_A_RIG, NEEDS_A_CLUSTER = "needs a camera and a striker", "needs other computers"
+NEEDS_OTHER_FILES = "needs videos or images that no test renders"
+NOT_RUN = {
+    ("docs/how-to/cluster.md", ".*"): NEEDS_A_CLUSTER,
+    ("docs/how-to/hardware.md", "PERCUSS_RIG=.*"): NEEDS_A_RIG,
+    ("docs/how-to/rig.md", "acquire .*"): NEEDS_A_RIG,
+    ("docs/how-to/session.md", "acquire .*"): NEEDS_A_RIG,
+    ("docs/how-to/plan.md", "acquire session .*"): NEEDS_A_RIG,
+    ("docs/how-to/plan.md", "analyze estimate teabox.mcap more.mcap"): NEEDS_A_RIG,
+    ("docs/how-to/register-tags.md", "(acquire|analyze) .*"): NEEDS_A_RIG,
+    ("docs/how-to/archive.md", "analyze batch 's3://.*"): "needs a bucket",
+    ("docs/how-to/calibrate-camera.md", "analyze calibrate images/.*"): NEEDS_OTHER_FILES,
+    ("docs/how-to/frame-rate.md", "analyze .*"): NEEDS_OTHER_FILES,
+    ("docs/how-to/gravity.md", "analyze gravity .*"): NEEDS_OTHER_FILES,
+    ("docs/how-to/import-topics.md", "analyze import .*"): NEEDS_OTHER_FILES,
+    ("docs/how-to/import-videos.md", "analyze import session.mp4 .*"): NEEDS_OTHER_FILES,
+    ("docs/how-to/parts.md", "analyze estimate hammer.mcap .*"): NEEDS_OTHER_FILES,
+    ("docs/how-to/install.md", "podman .*"): "needs a builder: tests/docs/test_containers.py",
+}
+"""why lines of a page (regular expression, whole line without its comment) are not run"""
+RIG = next(body for body in snippets(DOCS / "how-to" / "rig.md", "toml") if "[camera]" in body)
+SHELL = """\
+set -euo pipefail
+analyze() {
+  if [ "${1-}" = replay ] && [[ "$*" != *--save* ]]; then command analyze "$@" --save "$(mktemp -u).rrd"
+  else command analyze "$@"; fi
+}
+"""
+
+
+def lines_of(page: str) -> list[str]:
+    """Lines of a page's shell blocks that are run."""
+    lines = "".join(snippets(ROOT / page, "sh")).replace("\\\n", " ").splitlines()
+    return [line for line in lines if reason_not_to_run(page, line) is None]
+
+
+def reason_not_to_run(page: str, line: str) -> str | None:
+    command = re.sub(r"\s+#.*", "", line).strip()
+    return next(
+        (why for (where, what), why in NOT_RUN.items() if where == page and re.fullmatch(what, command)), None
+    )
+
+
+def copy_project(folder: Path) -> Path:
+    """Copy the tracked files with their times, so that `make` finds the environment up to date."""
+    for name in filter(None, _git("ls-files", "-z").split("\0")):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(ROOT / name, folder / name)
+    (folder / ".git").write_text(
+        f"gitdir: {_git('rev-parse', '--absolute-git-dir').strip()}\n", encoding="ascii"
+    )
+    (folder / ".venv").symlink_to(ROOT / ".venv")
+    return folder
+
+
+def _git(*arguments: str) -> str:
+    return subprocess.run(
+        ["git", "-C", str(ROOT), *arguments], capture_output=True, text=True, check=True
+    ).stdout
+
+
+def run(lines: list[str], folder: Path, *, activated: bool = True) -> str:
+    """Run lines in one shell; its output.
+
+    Args:
+        lines: lines of shell blocks.
+        folder: where to run them: a copy of the project.
+        activated: True if the reader has put the commands on the PATH before.
+    """
+    up_to_date = subprocess.run(["make", "-q", "setup"], cwd=folder, capture_output=True, check=False)
+    assert up_to_date.returncode == 0, "run `make setup` first: these tests would change the environment"
+    kept = ("LANG", "LC_ALL", "TMPDIR", "SSL_CERT_FILE", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
+    environment = {
+        name: value for name, value in os.environ.items() if name in kept or name.startswith(("PIP_", "UV_"))
+    }
+    here = f"{ROOT / '.venv' / 'bin'}:" if activated else ""
+    home = folder.parent / f"{folder.name}-home"
+    home.mkdir(exist_ok=True)
+    environment |= {
+        "HOME": str(home),
+        "PATH": f"{here}/usr/local/bin:/usr/bin:/bin:/usr/sbin:/sbin",
+        "UV_TOOL_DIR": str(home / "tools"),
+        "UV_TOOL_BIN_DIR": str(home / "bin"),
+        "UV_CACHE_DIR": os.environ.get("UV_CACHE_DIR", str(Path.home() / ".cache" / "uv")),
+    }
+    done = subprocess.run(
+        ["bash", "-xc", SHELL + "\n".join(lines)],
+        cwd=folder,
+        env=environment,
+        input="y\n" * 20,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, f"exit code {done.returncode}\n{done.stdout[-2000:]}\n{done.stderr[-3000:]}"
+    return done.stdout
+
+
+@pytest.fixture
+def project() -> Iterator[Path]:
+    """Copy of the project, removed afterwards: a demo's recording and an environment are gigabytes."""
+    with tempfile.TemporaryDirectory(prefix="percuss-hour-") as folder:
+        yield copy_project(Path(folder, "project"))
+
+
+@pytest.fixture(scope="module")
+def phone(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Project in which the phone tutorial was followed; its videos appear as soon as there is a plan."""
+    folder = copy_project(tmp_path_factory.mktemp("hour") / "phone")
+    lines = lines_of(PHONE)
+    filmed = next(number for number, line in enumerate(lines) if line.startswith("analyze calibrate"))
+    run(lines[:filmed], folder)
+    body = write_videos(folder)
+    run(lines[filmed:], folder)
+    (folder / "truth.json").write_text(json.dumps(body.com.tolist()), encoding="utf-8")
+    return folder
+
+
+def give_phone_files(folder: Path, phone: Path) -> None:
+    """Files that the phone tutorial leaves."""
+    names = ("teabox.toml", "plan.json", "camera.toml", "board.mp4", "teabox.mcap")
+    for path in [phone / name for name in names] + sorted(phone.glob("s?.mp4")):
+        shutil.copy(path, folder)
+
+
+def give_sessions(folder: Path, phone: Path) -> None:
+    """Three sessions of one object, the strikes shared out among them."""
+    strikes = sorted(phone.glob("s?.mp4"))
+    for name, filmed in zip("abc", (strikes[:3], strikes[3:6], strikes[6:]), strict=True):
+        command = (
+            f"analyze import {' '.join(path.name for path in filmed)} --object teabox.toml --plan plan.json"
+        )
+        run([f"{command} --camera camera.toml -o {name}.mcap"], folder)
+
+
+GIVEN: dict[str, tuple[Callable[[Path, Path], None], tuple[str, ...]]] = {
+    "docs/how-to/several-sessions.md": (give_sessions, ()),
+    "docs/how-to/import-videos.md": (give_phone_files, ("camera.toml", "teabox.mcap")),
+    "docs/how-to/plan.md": (give_phone_files, ("plan.json",)),
+}
+
+
+def test_the_front_pages_run_as_printed_and_end_with_an_answer(project: Path, phone: Path) -> None:
+    lines = [line for page in FRONT for line in lines_of(page)]
+    done: set[str] = set()
+    # The same demo is printed on several pages: once is enough.
+    wanted = [line for line in lines if not (line.startswith("make") and line in done) and not done.add(line)]
+    for path in [phone / "board.mp4", *sorted(phone.glob("s?.mp4"))]:
+        shutil.copy(path, project)
+    output = run(wanted, project, activated=False)
+    assert "centre of mass" in output
+    for name in (
+        "recordings/demo-carton-1.html",
+        "recordings/demo-spray-3.rrd",
+        "teabox.html",
+        "plan-cards.html",
+    ):
+        assert (project / name).stat().st_size > 10_000
+
+
+def test_the_phone_tutorial_runs_as_printed_and_its_answer_holds_the_truth(phone: Path) -> None:
+    told = run(["analyze estimate teabox.mcap --json"], phone)
+    answer = json.loads(told)["centre_of_mass"]
+    off = np.array(answer["value"]) - json.loads((phone / "truth.json").read_text(encoding="utf-8"))
+    assert np.abs(off).max() < 3e-4
+
+
+@pytest.mark.parametrize("page", HOW_TO)
+def test_a_how_to_guide_runs_as_printed(page: str, project: Path, phone: Path) -> None:
+    lines = lines_of(page)
+    if not any(line.strip() and not line.startswith("#") for line in lines):
+        pytest.skip("nothing to run on this page")
+    give_phone_files(project, phone)
+    (project / "rig.toml").write_text(RIG, encoding="utf-8")
+    more, removed = GIVEN.get(page, (lambda *_: None, ()))
+    more(project, phone)
+    for name in removed:
+        (project / name).unlink()
+    run(lines, project)
+
+
+def test_the_documented_line_completes_both_commands(project: Path) -> None:
+    (line,) = [line for line in lines_of("docs/how-to/install.md") if line.startswith("echo")]
+    shown = run([line, "source ~/.bashrc", "complete -p analyze acquire"], project)
+    assert shown.count("complete -o nosort -F") == 2
+
+
+def test_every_exception_is_of_a_line_that_a_page_has() -> None:
+    unused = []
+    for page, what in NOT_RUN:
+        lines = "".join(snippets(ROOT / page, "sh")).splitlines()
+        commands = [re.sub(r"\s+#.*", "", line).strip() for line in lines]
+        if not any(re.fullmatch(what, command) for command in commands):
+            unused.append((page, what))
+    assert not unused
