@@ -52,6 +52,7 @@ demo: setup  ## a whole session on the virtual rig, and its answer compared with
 	@$(BIN)/analyze score $(DEMO_FILE)
 	@$(BIN)/analyze report $(DEMO_FILE) -o $(DEMO_FILE:.mcap=.html)
 	@$(BIN)/analyze replay $(DEMO_FILE) --save $(DEMO_FILE:.mcap=.rrd)
+	@echo "next: source $(BIN)/activate, then analyze and acquire are commands of this shell"
 
 # What only computes runs on all cores. What keeps time with devices mostly waits for them. Long files first (tests/conftest.py), lest one worker ends alone.
 COMPUTING := tests/analyze tests/schemas tests/docs tests/test_architecture.py

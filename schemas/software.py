@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+import sys
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -34,7 +35,8 @@ def extra_command(extra: str) -> str:
     Args:
         extra: name in pyproject.toml, for example "export".
     """
-    return f"pip install '.[{extra}]' in the project's folder"
+    by_uv = Path(sys.prefix, "uv-receipt.toml").exists()  # `uv tool install` leaves it; there is no pip
+    return f"{'uv tool' if by_uv else 'pip'} install '.[{extra}]' in the project's folder"
 
 
 def software_commit() -> str:

@@ -181,6 +181,7 @@ def test_the_front_pages_run_as_printed_and_end_with_an_answer(project: Path, ph
         shutil.copy(path, project)
     output = run(wanted, project, activated=False)
     assert "centre of mass" in output
+    assert "next: source .venv/bin/activate" in output
     for name in (
         "recordings/demo-carton-1.html",
         "recordings/demo-spray-3.rrd",

@@ -11,7 +11,7 @@ import pytest
 from hatchling.builders.sdist import SdistBuilder
 from hatchling.builders.wheel import WheelBuilder
 
-from schemas.software import BUILT_COMMIT, built_commit, commit, software_version
+from schemas.software import BUILT_COMMIT, built_commit, commit, extra_command, software_version
 from tests.places import ROOT
 
 
@@ -60,6 +60,15 @@ def test_an_empty_checkout_has_no_commit(tmp_path: Path) -> None:
 
 def test_version_comes_first() -> None:
     assert software_version().startswith("percuss ")
+
+
+def test_an_extra_is_installed_by_the_program_that_installed_the_commands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.prefix", str(tmp_path))
+    assert extra_command("export") == "pip install '.[export]' in the project's folder"
+    (tmp_path / "uv-receipt.toml").touch()
+    assert extra_command("export") == "uv tool install '.[export]' in the project's folder"
 
 
 @pytest.fixture
