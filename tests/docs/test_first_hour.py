@@ -66,11 +66,29 @@ def lines_of(page: str) -> list[str]:
     return [line for line in lines if reason_not_to_run(page, line) is None]
 
 
+def command_of(line: str) -> str:
+    """A line without its comment."""
+    return re.sub(r"\s+#.*", "", line).strip()
+
+
 def reason_not_to_run(page: str, line: str) -> str | None:
-    command = re.sub(r"\s+#.*", "", line).strip()
+    command = command_of(line)
     return next(
         (why for (where, what), why in NOT_RUN.items() if where == page and re.fullmatch(what, command)), None
     )
+
+
+def each_demo_once(lines: list[str]) -> list[str]:
+    """Lines without a demo that is printed on an earlier page as well."""
+    demos: set[str] = set()
+    kept = []
+    for line in lines:
+        command = command_of(line)
+        if command not in demos:
+            kept.append(line)
+        if command.startswith("make demo"):
+            demos.add(command)
+    return kept
 
 
 def copy_project(folder: Path) -> Path:
@@ -173,13 +191,10 @@ GIVEN: dict[str, tuple[Callable[[Path, Path], None], tuple[str, ...]]] = {
 
 
 def test_the_front_pages_run_as_printed_and_end_with_an_answer(project: Path, phone: Path) -> None:
-    lines = [line for page in FRONT for line in lines_of(page)]
-    done: set[str] = set()
-    # The same demo is printed on several pages: once is enough.
-    wanted = [line for line in lines if not (line.startswith("make") and line in done) and not done.add(line)]
+    lines = each_demo_once([line for page in FRONT for line in lines_of(page)])
     for path in [phone / "board.mp4", *sorted(phone.glob("s?.mp4"))]:
         shutil.copy(path, project)
-    output = run(wanted, project, activated=False)
+    output = run(lines, project, activated=False)
     assert "centre of mass" in output
     assert "next: source .venv/bin/activate" in output
     for name in (
@@ -221,8 +236,7 @@ def test_the_documented_line_completes_both_commands(project: Path) -> None:
 def test_every_exception_is_of_a_line_that_a_page_has() -> None:
     unused = []
     for page, what in NOT_RUN:
-        lines = "".join(snippets(ROOT / page, "sh")).splitlines()
-        commands = [re.sub(r"\s+#.*", "", line).strip() for line in lines]
+        commands = map(command_of, "".join(snippets(ROOT / page, "sh")).splitlines())
         if not any(re.fullmatch(what, command) for command in commands):
             unused.append((page, what))
     assert not unused
