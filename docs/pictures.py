@@ -1,4 +1,4 @@
-"""Make the documentation's pictures of a report and a replay: `python docs/pictures.py FILE.mcap`."""
+"""Make the documentation's pictures of a report, a replay and a tip: `python docs/pictures.py FILE.mcap`."""
 
 from __future__ import annotations
 
@@ -57,6 +57,7 @@ def main() -> int:
         picture = IMAGES / f"{name}.png"
         subprocess.run([analyze, "replay", recording, "--screenshot", picture, "--page", shown], check=True)
         cv2.imwrite(str(picture), cv2.imread(str(picture))[TITLE_BAR_PX:], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    subprocess.run([analyze, "replay", recording, "--animation", IMAGES / "tip.webp"], check=True)
     return 0
 
 

@@ -21,7 +21,12 @@ PACKAGES = ("acquire", "analyze", "schemas")
 SOURCES = sorted(p for package in PACKAGES for p in (ROOT / package).rglob("*.py") if "_pb2" not in p.name)
 
 OWNERS = {
-    "av": {"analyze/sources/", "analyze/importing/", "analyze/reading/compressed_video.py"},
+    "av": {
+        "analyze/sources/",
+        "analyze/importing/",
+        "analyze/reading/compressed_video.py",
+        "analyze/replay/animation_file.py",
+    },
     "gi": {"acquire/camera/aravis_library.py"},
     "dynamixel_sdk": {"acquire/striker/"},
     "serial": {"acquire/striker/"},

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -187,6 +187,20 @@ def fitted_angle(angle: TipAngle, fit: MotionFit, fitted: FittedCurves) -> TipAn
         angle.slip[first:last],
         angle.zero_sd,
     )
+
+
+def angle_at(angle: TipAngle, time_ns: IntArray, theta: Array) -> TipAngle:
+    """Tipping motion at other times, with given angles and the measured motion's other fields, interpolated.
+
+    Args:
+        angle: measured motion.
+        time_ns: (n,) log times [ns].
+        theta: (n,) tipping angles [rad] at these times.
+    """
+    sd, off_axis, slip = (
+        np.interp(time_ns, angle.time_ns, each) for each in (angle.sd, angle.off_axis, angle.slip)
+    )
+    return replace(angle, time_ns=time_ns, theta=theta, sd=sd, off_axis=off_axis, slip=slip)
 
 
 def object_poses(

@@ -35,6 +35,8 @@ class _ReplayArguments:
     """file for rerun to write (.rrd); None to write none"""
     screenshot: Path | None
     """picture of the page to write (PNG); None to write none"""
+    animation: Path | None
+    """animation of one strike to write (WebP, GIF or MP4); None to write none"""
     web: bool
     """True to show the recording in the browser"""
     no_browser: bool
@@ -50,8 +52,9 @@ class _ReplayArguments:
 
     @property
     def outputs(self) -> tuple[Path, ...]:
-        """Files to write (--save, --screenshot) instead of showing the recording; empty if none are named."""
-        return tuple(path for path in (self.save, self.screenshot) if path is not None)
+        """Files to write instead of showing the recording; empty if none are named."""
+        named = (self.save, self.screenshot, self.animation)
+        return tuple(path for path in named if path is not None)
 
 
 @click.command()
@@ -59,6 +62,11 @@ class _ReplayArguments:
 @with_estimate_options
 @path_option("--save", help="Write a .rrd file instead of opening the viewer.")
 @path_option("--screenshot", help="Write a picture of the front page (PNG); needs no screen.")
+@path_option(
+    "--animation",
+    help="Write a moving picture of one strike (.webp, .gif or .mp4): the tip and its fitted curve, in slow "
+    "motion, for pages and talks. --page chooses the strike.",
+)
 @click.option(
     "--web", is_flag=True, help="Show it in the browser, served on this computer only, until Ctrl-C."
 )
@@ -72,14 +80,25 @@ class _ReplayArguments:
 def replay(arguments: _ReplayArguments) -> None:
     """Show a recording in rerun; follows a session that still runs."""
     from analyze.reading.recording_file import find_recording
-    from analyze.replay.target import ToFile, ToViewer, ViewerClosed
 
     if arguments.web and arguments.outputs:
-        raise click.UsageError("--web shows the recording, --save and --screenshot write it: choose one")
+        raise click.UsageError(
+            "--web shows the recording; --save, --screenshot and --animation write files: choose one"
+        )
     if arguments.no_browser and not arguments.web:
         raise click.UsageError("--no-browser needs --web: add it")
     recording = find_recording(arguments.file)
     refuse_outputs(arguments.outputs, [recording.path])
+    if arguments.animation is not None:
+        _animate(recording, arguments.animation, arguments)
+    if arguments.animation is None or len(arguments.outputs) > 1:
+        _replay_in_rerun(recording, arguments)
+
+
+def _replay_in_rerun(recording: RecordingFile, arguments: _ReplayArguments) -> None:
+    """Show the recording in rerun's viewer, or write its replay and its picture; exit if it has problems."""
+    from analyze.replay.target import ToFile, ToViewer, ViewerClosed
+
     with ExitStack() as stack:
         # A window opens while the rest is loaded.
         target = _open_target(stack, recording, arguments)
@@ -97,10 +116,27 @@ def replay(arguments: _ReplayArguments) -> None:
         if isinstance(target, ToViewer):
             with suppress(KeyboardInterrupt):  # everything is shown: Ctrl-C is the way to end
                 target.wait()
-    for path in arguments.outputs:
-        click.echo(f"replay: {path}")
+    for path in (arguments.save, arguments.screenshot):
+        if path is not None:
+            click.echo(f"replay: {path}")
     if replayed.problems:
         sys.exit(PROBLEM)
+
+
+def _animate(recording: RecordingFile, output: Path, arguments: _ReplayArguments) -> None:
+    """Write the animation of one strike, with a progress bar, and print what it shows.
+
+    Raises:
+        ReplayError: the recording is still being written, has no such strike, or the strike no fitted motion;
+            or the suffix of `output` names no format of animations.
+        RecordingError, ShapeError, PlanError, OutputError: a file cannot be read, used or written.
+    """
+    from analyze.progress import ProgressBar
+    from analyze.replay.animation import animate_strike
+
+    with ProgressBar() as progress:
+        shown = animate_strike(recording, output, arguments.page, arguments.object_file, progress)
+    click.echo(f"animation: {output}: {shown}")
 
 
 def _open_target(
