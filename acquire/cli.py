@@ -118,11 +118,12 @@ def session(object_file: Path, plan: Path, output: Path, rig: Path | None, as_js
     """Strike OBJECT (TOML) by PLAN (JSON) with the running daemon. Asks you to place the object."""
     from acquire.console.session import ConsoleOperator, SessionProgress
     from acquire.daemon.client import DaemonClient
-    from acquire.recorder.atomic import refuse_unwritable
+    from acquire.recorder.atomic import refuse_taken, refuse_unwritable
     from acquire.session.runner import SessionRunner
     from acquire.session.session_input import SessionInput
 
     refuse_unwritable(output)
+    refuse_taken(output)
     given = SessionInput(object_file, plan)
     socket = _socket(rig)
     with DaemonClient(socket) as client, SessionProgress() as progress, ConsoleOperator(socket, progress):
@@ -322,14 +323,15 @@ def stop(rig: Path | None, end_daemon: bool) -> None:
     type=click.Path(path_type=Path),
     help="The file to write.  [default: FILE with -recovered before .mcap]",
 )
+@click.option("--force", is_flag=True, help="Replace the output if it exists.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @_one_line_errors
-def recover(file: Path, output: Path | None, as_json: bool) -> None:
+def recover(file: Path, output: Path | None, force: bool, as_json: bool) -> None:
     """Rebuild a recording that was cut short. Exits with 3 if data was damaged or its end is missing."""
     from acquire.recorder.recover.recover import default_output
     from acquire.recorder.recover.recover import recover as recover_file
 
-    report = recover_file(file, output or default_output(file))
+    report = recover_file(file, output or default_output(file), replace=force)
     click.echo(json.dumps(report.as_dict()) if as_json else report.text())
     if report.anything_lost:
         sys.exit(3)

@@ -21,8 +21,8 @@ from typing import Any
 
 from acquire.config import read_rig
 from acquire.daemon.client import DaemonClient, wait_for_socket
-from acquire.errors import ConfigError, RecorderError, SessionError
-from acquire.recorder.atomic import refuse_unwritable
+from acquire.errors import ConfigError, SessionError
+from acquire.recorder.atomic import refuse_taken, refuse_unwritable
 from acquire.session.runner import Progress, SessionRunner
 from acquire.session.session_input import SessionInput
 from acquire.session.session_report import SessionReport
@@ -57,10 +57,7 @@ def fresh_output(path: Path) -> DemoOutput:
     """
     refuse_unwritable(path)
     for taken in (path, Path(f"{path}.part")):
-        if taken.exists():
-            raise RecorderError(
-                f"{taken}: exists already: choose another name, or give --force to replace it"
-            )
+        refuse_taken(taken, force=False)
     return DemoOutput(path)
 
 

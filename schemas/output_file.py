@@ -6,6 +6,10 @@ import os
 import tempfile
 from pathlib import Path
 
+KEPT_SUFFIXES = (".mcap", ".toml")
+"""Suffixes of files that no command replaces unless it is told to: recordings, whose strikes cannot be
+repeated, and settings, which people write. All others are computed from these two, and are replaced."""
+
 
 class OutputError(Exception):
     """A file that cannot be written; the message is one line: the file, the reason and the remedy."""
@@ -34,6 +38,22 @@ def why_unwritable(output: Path, *inputs: Path) -> str | None:
         if output.exists() and path.exists() and output.samefile(path):
             return f"{output}: is also an input and would be replaced: choose another name for the output"
     return None
+
+
+def why_taken(output: Path, *, force: bool | None = None) -> str | None:
+    """Reason why the file `output` is not replaced; None if it does not exist, or is to be replaced.
+
+    Args:
+        output: file to be written.
+        force: value of the command's option --force; None if it has none.
+
+    Returns:
+        One line (the file, the reason and the remedy), or None.
+    """
+    if force or not output.exists():
+        return None
+    remedy = "choose another name" + ("" if force is None else ", or give --force to replace it")
+    return f"{output}: exists already: {remedy}"
 
 
 def refuse_unwritable(output: Path, *inputs: Path) -> None:

@@ -8,26 +8,31 @@ from pathlib import Path
 
 from acquire.errors import RecorderError
 from schemas.mcap.records import Buffer
-from schemas.output_file import why_unwritable
+from schemas.output_file import why_taken, why_unwritable
 
 _IOV_MAX = 1024
 """greatest number of buffers of one writev on Linux"""
 
 
-def refuse_unwritable(path: Path) -> None:
+def refuse_unwritable(path: Path, *inputs: Path) -> None:
     """Raise RecorderError if no file can be created at `path`; called before the file's content is made.
 
     Raises:
-        RecorderError: `path` is a folder, or its folder is missing or not writable.
+        RecorderError: `path` is a folder or one of the `inputs`, or its folder is missing or not writable.
     """
-    if (reason := why_unwritable(path)) is not None:
+    if (reason := why_unwritable(path, *inputs)) is not None:
         raise RecorderError(reason)
 
 
-def refuse_taken(path: Path) -> None:
-    """Raise RecorderError if `path` exists."""
-    if path.exists():
-        raise RecorderError(f"{path}: exists already: choose another name or move the file away")
+def refuse_taken(path: Path, *, force: bool | None = None) -> None:
+    """Raise RecorderError if `path` exists and is not to be replaced.
+
+    Args:
+        path: file to be written.
+        force: value of the command's option --force; None if it has none.
+    """
+    if (reason := why_taken(path, force=force)) is not None:
+        raise RecorderError(reason)
 
 
 def create_part(part_path: Path, flags: int = 0) -> int:
@@ -101,23 +106,27 @@ def remaining(buffers: Sequence[Buffer], taken: int) -> list[memoryview]:
     return []
 
 
-def publish(part_path: Path, path: Path) -> None:
+def publish(part_path: Path, path: Path, *, replace: bool = False) -> None:
     """Give a finished, fsynced file its final name, and make the rename survive a power cut.
 
-    Where the file system has hard links, another file at `path` is never replaced. Elsewhere (FAT, some
-    network file systems) a file that another program created at `path` meanwhile is replaced.
+    Without `replace`, another file at `path` is never replaced where the file system has hard links.
+    Elsewhere (FAT, some network file systems) one that another program created there meanwhile is replaced.
 
     Args:
         part_path: temporary name.
         path: final name, in the same folder.
+        replace: True to replace a file at `path`.
 
     Raises:
         RecorderError: a file exists at `path`; the new file keeps its temporary name.
         OSError: the file cannot be renamed, or the folder cannot be written to the disk.
     """
     try:
-        os.link(part_path, path)
-        part_path.unlink()
+        if replace:
+            part_path.replace(path)
+        else:
+            os.link(part_path, path)
+            part_path.unlink()
     except FileExistsError:
         raise RecorderError(
             f"{path}: another program created it meanwhile: the complete recording is {part_path}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.csv as pc
 import pyarrow.parquet as pq
+from rich.cells import cell_len
 from rich.table import Table
 
 from analyze.errors import ArchiveError
@@ -21,15 +23,21 @@ from schemas.wording import counted
 
 SIGNIFICANT_DIGITS = 6
 UNLIMITED_WIDTH = 10_000
+NARROWEST_CELL = 12
+"""letters to which the cells of a column may be folded before the table is printed row by row"""
+_FRAME_WIDTH = 3
+"""width of a column's line and padding"""
 
 
-def print_answer(answer: pa.Table, form: str) -> None:
+def print_answer(answer: pa.Table, form: str, console: Terminal | None = None) -> None:
     """Print the rows of a query on standard output.
 
     Args:
         answer: result of the query.
         form: "csv"; "json" for one object per line, with null for numbers that are not finite; or "table" for
-            a drawn table with the number of rows below it.
+            a drawn table with the number of rows below it. A table too wide for the terminal is printed row
+            by row, a line per column.
+        console: where to print a table; None for standard output.
     """
     if form == "json":
         for row in answer.to_pylist():
@@ -38,14 +46,31 @@ def print_answer(answer: pa.Table, form: str) -> None:
     if form == "csv":
         sys.stdout.write(_csv(answer).decode())
         return
-    table = Table()
-    for name in answer.column_names:
-        table.add_column(name, overflow="fold")
-    for row in answer.to_pylist():
-        table.add_row(*(_cell(value) for value in row.values()))
-    console = plain_console()
-    console.print(table)
+    console = console or plain_console()
+    rows = [[_cell(value) for value in row.values()] for row in answer.to_pylist()]
+    if _folded_width(answer.column_names, rows) <= console.width:
+        table = Table(*answer.column_names)
+        for row in rows:
+            table.add_row(*row)
+        console.print(table)
+    else:
+        for number, row in enumerate(rows, 1):
+            record = Table(title=f"row {number}", title_justify="left", box=None, show_header=False)
+            record.add_column(no_wrap=True)
+            record.add_column()
+            for name, value in zip(answer.column_names, row, strict=True):
+                record.add_row(name, value)
+            console.print(record)
     console.print(counted(answer.num_rows, "row"))
+
+
+def _folded_width(names: Sequence[str], rows: Sequence[Sequence[str]]) -> int:
+    """Width of a drawn table that can still be read: whole headings, other cells folded to a few letters."""
+    widths = (
+        max([cell_len(name), *(min(cell_len(row[i]), NARROWEST_CELL) for row in rows)])
+        for i, name in enumerate(names)
+    )
+    return 1 + sum(width + _FRAME_WIDTH for width in widths)
 
 
 def plain_console() -> Terminal:

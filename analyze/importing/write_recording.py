@@ -339,7 +339,9 @@ def _parts(keys: NDArray[np.bool_]) -> Iterator[tuple[slice, bool]]:
         yield slice(start, stop), bool(keys[start])
 
 
-def write_recording(prepared: PreparedImport, output: Path, progress: Progress = no_progress) -> Written:
+def write_recording(
+    prepared: PreparedImport, output: Path, progress: Progress = no_progress, *, replace: bool = False
+) -> Written:
     """Write a prepared import as a recording.
 
     On failure no file is left, except a finished `.part` file whose final name was taken meanwhile.
@@ -348,6 +350,7 @@ def write_recording(prepared: PreparedImport, output: Path, progress: Progress =
         prepared: the import.
         output: path of the recording.
         progress: called with a text, the number of images written and of all.
+        replace: True to replace an existing recording, once the new one is finished.
 
     Returns:
         The recording with its counts, content hash and remarks.
@@ -356,7 +359,7 @@ def write_recording(prepared: PreparedImport, output: Path, progress: Progress =
         OutputError: the file exists already, or cannot be written.
         ImportRefused: a source cannot be read.
     """
-    with RecordingWriter(output) as writer:
+    with RecordingWriter(output, replace=replace) as writer:
         session = _Session(prepared, writer, progress)
         session.write()
         content_id = writer.finish()

@@ -26,7 +26,7 @@ from schemas.mcap.chunks import PendingMessages, pack_chunk_of_channel
 from schemas.mcap.content_hash import LARGE_MESSAGE_BYTES, ContentHash
 from schemas.mcap.record_writer import RecordWriter
 from schemas.mcap.records import AttachmentRecord, Buffer
-from schemas.output_file import OutputError
+from schemas.output_file import OutputError, why_taken
 from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME, SessionManifest
 from schemas.topics import Topic
 
@@ -37,16 +37,20 @@ _MAX_BUFFERS: Final = 1024
 """largest number of buffers of one writev on Linux (IOV_MAX)"""
 
 
-def refuse_taken(path: Path) -> None:
+def refuse_taken(path: Path, *, replace: bool = False) -> None:
     """Check that no recording exists at a path, neither finished nor unfinished (its `.part` file).
 
     It is also called before a long video is read. A folder at this path is not refused.
 
+    Args:
+        path: path of the recording to write.
+        replace: True if a finished recording there is to be replaced.
+
     Raises:
         OutputError: a recording, finished or begun, has this path.
     """
-    if path.exists() and not path.is_dir():
-        raise OutputError(f"{path}: exists already: choose another name or move it away")
+    if not path.is_dir() and (reason := why_taken(path, force=replace)) is not None:
+        raise OutputError(reason)
     part = _part_path(path)
     if part.exists():
         raise _part_taken(part)
@@ -60,15 +64,16 @@ class RecordingWriter:
 
     Args:
         path: path of the finished recording.
+        replace: True if an existing recording there is to be replaced, once this one is finished.
 
     Raises:
         OutputError: the file exists already, or cannot be written.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, *, replace: bool = False) -> None:
+        self.path, self._replace = path, replace
         self._part = _part_path(path)
-        refuse_taken(path)
+        refuse_taken(path, replace=replace)
         try:
             self._fd = os.open(self._part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         except FileExistsError:
@@ -206,11 +211,11 @@ class RecordingWriter:
             # again.
             os.close(self._fd)
             self._fd = -1
-            if self.path.exists():
+            if self.path.exists() and not self._replace:
                 raise OutputError(
                     f"{self.path}: was created meanwhile: the finished recording is {self._part}"
                 )
-            self._part.rename(self.path)
+            self._part.replace(self.path)
         except OSError as error:
             raise self._disk_error(error) from None
         return content_id

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from analyze.verbs.options import one_line, pass_options, path_option, results_folder_option
+from analyze.verbs.outputs import refuse_outputs
 from schemas.command_line import INTERRUPTED, LOSS, NumberRange
 
 if TYPE_CHECKING:
@@ -206,6 +207,7 @@ def _summarise(output: Path, save: Path | None) -> None:
     from analyze.batch.summary import summarise
     from analyze.batch.summary_output import render_summary, save_summary
 
+    refuse_outputs([save])
     summary = summarise(read_recording_rows(output))
     if save is None:
         render_summary(summary)

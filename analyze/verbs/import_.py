@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from analyze.verbs.options import one_line, pass_options, path_option
+from analyze.verbs.options import force_option, one_line, pass_options, path_option
 from analyze.verbs.outputs import refuse_outputs
 from schemas.command_line import NumberRange
 
@@ -45,6 +45,8 @@ class _ImportArguments:
     """True to take each source as one strike"""
     yes: bool
     """True to write without confirmation where a source was split into strikes"""
+    force: bool
+    """True to replace the recording if it exists"""
     dry_run: bool
     """True to show the strikes and write nothing"""
 
@@ -60,6 +62,7 @@ class _ImportArguments:
     "(YAML, JSON).  [default: the calibration in the MCAP file or bag]",
 )
 @path_option("-o", "--output", help="The recording to write (.mcap).")
+@force_option
 @click.option(
     "--strike",
     "strikes",
@@ -120,7 +123,7 @@ def import_(arguments: _ImportArguments) -> None:
         if prepared.was_split and not arguments.yes:
             _confirm_strikes()
         with ProgressBar() as progress:
-            written = write_recording(prepared, arguments.output, progress)
+            written = write_recording(prepared, arguments.output, progress, replace=arguments.force)
         render_written(written, shown)
 
 
@@ -141,9 +144,9 @@ def _import_options(arguments: _ImportArguments) -> ImportOptions:
             "no output is named: give the recording to write with -o FILE.mcap, or --dry-run"
         )
     inputs = [*arguments.sources, arguments.object_path, arguments.plan_path, camera]
-    refuse_outputs([output], inputs=inputs)
+    refuse_outputs([output], inputs=inputs, force=arguments.force)
     if output is not None:
-        refuse_taken(output)
+        refuse_taken(output, replace=arguments.force)
     return ImportOptions(
         arguments.sources,
         arguments.object_path,

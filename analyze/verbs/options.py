@@ -22,6 +22,7 @@ one_line = one_line_errors("analyze", AnalyzeError)
 files_argument = click.argument(
     "files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
+force_option = click.option("--force", is_flag=True, help="Replace the output if it exists.")
 results_folder_option = path_option(
     "--out", "output", default=Path("results"), show_default=True, help="Folder of the results."
 )

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from analyze.verbs.options import one_line, path_option, results_folder_option
+from analyze.verbs.outputs import refuse_outputs
 
 
 @click.command()
@@ -26,6 +27,7 @@ def query(sql: str, output: Path, as_csv: bool, as_json: bool, save: Path | None
 
     if as_csv and as_json:
         raise click.UsageError("--csv and --json exclude each other: choose one")
+    refuse_outputs([save])
     answer = run_query(output, sql)
     if save is not None:
         save_answer(answer, save)

@@ -101,12 +101,13 @@ def default_output(path: Path) -> Path:
     return path.with_name(f"{path.name.removesuffix('.part').removesuffix('.mcap')}-recovered.mcap")
 
 
-def recover(path: Path, out: Path) -> RecoverReport:
+def recover(path: Path, out: Path, *, replace: bool = False) -> RecoverReport:
     """Save everything that is whole in the recording `path` to `out`, and read the new file to verify it.
 
     Args:
         path: recording that was cut short or damaged; it stays unchanged.
         out: path of the new recording.
+        replace: True to replace an older file there, once the new one is complete.
 
     Returns:
         Report: numbers of saved messages and attachments, and extent of the losses.
@@ -115,8 +116,8 @@ def recover(path: Path, out: Path) -> RecoverReport:
         RecorderError: `path` is missing, empty or no MCAP file, nothing in it can be saved, or `out` exists,
             cannot be written or cannot be read back; nothing is left behind then.
     """
-    atomic.refuse_unwritable(out)
-    atomic.refuse_taken(out)
+    atomic.refuse_unwritable(out, path)
+    atomic.refuse_taken(out, force=replace)
     report = RecoverReport(path, out)
     with mapped(path) as data:
         writer = Rewriter(out, out.with_name(f".{out.name}.{os.getpid()}.recovering"))
@@ -131,7 +132,7 @@ def recover(path: Path, out: Path) -> RecoverReport:
             writer.finish()
             report.content_id = digest.hexdigest()
             _verify(writer.part_path, report)
-            atomic.publish(writer.part_path, out)
+            atomic.publish(writer.part_path, out, replace=replace)
         finally:
             writer.close()
     return report

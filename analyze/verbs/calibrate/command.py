@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from analyze.verbs.options import one_line, pass_options, path_option
+from analyze.verbs.options import force_option, one_line, pass_options, path_option
 from analyze.verbs.outputs import refuse_outputs
 from schemas.command_line import NumberRange
 
@@ -47,6 +47,8 @@ class _CalibrateArguments:
     """True to write the calibration into the rig file"""
     picture: Path | None
     """plot to write (PNG); None for the default, a file beside `output`"""
+    force: bool
+    """True to replace the calibration file if it exists"""
     as_json: bool
     """True to print the calibration as JSON"""
 
@@ -99,6 +101,7 @@ class _CalibrateArguments:
     "--picture",
     help="Plot of coverage, precision and residuals to write (PNG).  [default: with -o, beside it]",
 )
+@force_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @one_line
 @pass_options(_CalibrateArguments)
@@ -180,11 +183,12 @@ def _picture_path(arguments: _CalibrateArguments) -> Path | None:
     None if neither option is given: no plot is written then.
 
     Raises:
-        OutputError: the plot or the file of -o cannot be written, or would replace a file that is read.
+        OutputError: the plot or the file of -o cannot be written, or would replace a file read or kept.
     """
     output = arguments.output
     picture = arguments.picture or (None if output is None else output.with_suffix(".png"))
-    refuse_outputs([output, picture], inputs=[*arguments.inputs, arguments.rig, arguments.table])
+    inputs = [*arguments.inputs, arguments.rig, arguments.table]
+    refuse_outputs([output, picture], inputs=inputs, force=arguments.force)
     return picture
 
 

@@ -3,19 +3,51 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
-from analyze.verbs.options import files_argument, one_line, path_option, with_estimate_options
+from analyze.verbs.options import (
+    files_argument,
+    force_option,
+    one_line,
+    pass_options,
+    path_option,
+    with_estimate_options,
+)
 from analyze.verbs.outputs import refuse_outputs
+
+
+@dataclass(frozen=True)
+class _RegisterArguments:
+    """Values of the arguments and options of `analyze register`."""
+
+    files: tuple[Path, ...]
+    """recordings of the object"""
+    object_file: Path | None
+    """object file to use instead of the recordings'; None for the recordings' own"""
+    exclude: tuple[str, ...]
+    """ids of strikes to leave out"""
+    output: Path | None
+    """object file to write (TOML); None to write none"""
+    force: bool
+    """True to replace the object file if it exists"""
+    find_table: bool
+    """True to estimate the table's tilt and height too"""
+    rig: Path | None
+    """rig file to write the table's pose into; None if there is none"""
+    write: bool
+    """True to write the table's pose into the rig file"""
+    as_json: bool
+    """True to print JSON"""
 
 
 @click.command()
 @files_argument
 @with_estimate_options
 @path_option("-o", "--output", help="The object file to write, with the estimated marker poses (TOML).")
+@force_option
 @click.option(
     "--table",
     "find_table",
@@ -28,16 +60,8 @@ from analyze.verbs.outputs import refuse_outputs
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @one_line
-def register(
-    files: Sequence[Path],
-    object_file: Path | None,
-    exclude: tuple[str, ...],
-    output: Path | None,
-    find_table: bool,
-    rig: Path | None,
-    write: bool,
-    as_json: bool,
-) -> None:
+@pass_options(_RegisterArguments)
+def register(arguments: _RegisterArguments) -> None:
     """Estimate where the markers are glued, from recorded strikes.
 
     The object's resting pose and the edges that it tipped over determine the markers' poses.
@@ -53,27 +77,27 @@ def register(
     )
     from analyze.verbs.register.table import registration_json, render_registration
 
-    if write != (rig is not None) or (write and not find_table):
+    output, rig = arguments.output, arguments.rig
+    if arguments.write != (rig is not None) or (arguments.write and not arguments.find_table):
         raise click.UsageError(
             "--table, --rig RIG.toml and --write must be given together, to write the table's pose into the "
             "rig file"
         )
-    refuse_outputs([output], files, [rig])
+    refuse_outputs([output], arguments.files, [rig], force=arguments.force)
+    options = RegisterOptions(arguments.object_file, frozenset(arguments.exclude), arguments.find_table, rig)
     with ProgressBar() as progress:
-        answer = register_recordings(
-            files, RegisterOptions(object_file, frozenset(exclude), find_table, rig), progress
-        )
-    if as_json:
+        answer = register_recordings(arguments.files, options, progress)
+    if arguments.as_json:
         click.echo(json.dumps(registration_json(answer), allow_nan=False))
     refuse_undetermined(answer)
-    if not as_json:
+    if not arguments.as_json:
         render_registration(answer)
     if output is not None:
         written = write_object(answer, output)
         named = ", ".join(map(str, written))
         click.echo(
             f"object: {output}: poses of markers {named}; use it with estimate and report: --object {output}",
-            err=as_json,
+            err=arguments.as_json,
         )
     if rig is not None:
         write_table(answer, rig)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 
 import numpy as np
@@ -17,6 +18,7 @@ from analyze.batch.result_rows import read_rows, write_row
 from analyze.batch.summary import summarise
 from analyze.batch.summary_output import render_summary, save_summary
 from analyze.errors import ArchiveError
+from schemas.terminal import Terminal
 
 DAYS, SCATTER_M, DRIFT_M = 12, 2e-4, 1.5e-4
 
@@ -147,6 +149,30 @@ def test_query_answer_as_json_and_csv(results, tmp_path, capsys):
     row = pc.read_csv(tmp_path / "a.csv").to_pylist()[0]
     assert row["n"] == 3 * DAYS
     assert row["l"] == "[1, 2]"
+
+
+WIDE = pa.table(
+    {f"column_{i}": ["s3://archive/2026-11-23/carton-17.mcap", "[level]"] for i in range(12)} | {"n": [1, 2]}
+)
+
+
+@pytest.mark.parametrize(("columns", "width"), [(2, 80), (4, 80), (4, 70), (12, 80), (12, 40), (12, 300)])
+def test_query_answer_fits_the_terminal_and_nothing_is_cut(columns, width):
+    out = io.StringIO()
+    names = [f"column_{i}" for i in range(columns)] + ["n"]
+    print_answer(WIDE.select(names), "table", Terminal(file=out, width=width))
+    lines = out.getvalue().splitlines()
+    assert max(map(len, lines)) <= width
+    assert "…" not in out.getvalue()
+    assert lines[-1] == "2 rows"
+    by_row = columns == 12 and width < 300
+    assert ("row 2" in out.getvalue()) == by_row
+    for name in names:
+        assert (
+            sum(line.split()[:1] == [name] for line in lines) == 2
+            if by_row
+            else any(name in line for line in lines)
+        )
 
 
 def test_damaged_row_file_is_named(tmp_path):

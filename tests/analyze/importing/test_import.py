@@ -330,6 +330,11 @@ def test_nothing_is_written_without_confirmation(tmp_path):
     assert again.exit_code == 1
     assert again.output.count("\n") == 1, "before the video is searched"
     assert "exists already" in again.output
+    older = (tmp_path / "o.mcap").stat().st_ino
+    forced = CliRunner().invoke(main, [*command, "--yes", "--force"])
+    assert forced.exit_code == 0, forced.output
+    assert [path.name for path in tmp_path.glob("o.mcap*")] == ["o.mcap"]
+    assert (tmp_path / "o.mcap").stat().st_ino != older
 
 
 def test_nudge_before_the_strike_is_not_its_onset(tmp_path):
