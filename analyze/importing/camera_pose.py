@@ -9,7 +9,7 @@ strikes is better, and the strikes' scatter measures its accuracy.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,8 +17,8 @@ import numpy as np
 from analyze.errors import ImportRefused
 from analyze.geometry.rotations import angle_between, inverse_transform, nearest_rotation, transform
 from analyze.geometry.station import turned_camera
-from analyze.tracking.track import track_markers
-from analyze.types import Array, CameraModel, ImageFrame, Marker
+from analyze.importing.tip_view import TipView
+from analyze.types import Array, CameraModel
 from schemas.strike_plan import PlannedStrike
 
 MAX_DEVIATION_RAD, MAX_DEVIATION_M = math.radians(6.0), 0.04
@@ -51,48 +51,18 @@ class EstimatedCameraPose:
 
 
 def camera_pose_from_strike(
-    frames: Iterable[ImageFrame],
-    rest_until_ns: int,
-    camera: CameraModel,
-    markers: Sequence[Marker],
-    planned: PlannedStrike,
-    strike_id: str,
-) -> StrikeCameraPose | None:
-    """Estimate the camera's pose in the world frame from the object at rest before one strike.
-
-    The plan gives the object's pose at rest. Of the object's markers whose pose on it is known, the one seen
-    in most images is used.
+    view: TipView, camera: CameraModel, planned: PlannedStrike, strike_id: str
+) -> StrikeCameraPose:
+    """Pose of the camera in the world frame W from the object at rest before one strike.
 
     Args:
-        frames: images from rest into the motion, which resolves a tag's pose ambiguity.
-        rest_until_ns: time of the last frame at rest [ns], on the clock of `frames`.
+        view: the object at rest in the camera's view.
         camera: lens of the camera; its pose is not used.
-        markers: markers of the object.
         planned: planned strike with the object's resting pose and its heading (rotation about the vertical).
         strike_id: id of the strike in the recording, copied to the result.
-
-    Returns:
-        The pose; None if no marker of known pose on the object is at rest in view.
-
-    Raises:
-        TrackingError: a marker of the object is in view twice, only markers of other objects are, the images
-            have another size than the lens, or its row delay is too long for the frame rate.
     """
-    tracks = track_markers(frames, camera, markers, planned.visible_markers).tracks
-    placed = {marker.id: marker.T_object_marker for marker in markers if marker.T_object_marker is not None}
-    best = max(
-        (track for track in tracks if track.marker_id in placed),
-        key=lambda track: len(track.time_ns),
-        default=None,
-    )
-    if best is None or not np.any(resting := best.time_ns <= rest_until_ns):
-        return None
-    T_camera_marker = transform(
-        nearest_rotation(best.R_camera_marker[resting].mean(axis=0)),
-        best.p_camera_marker[resting].mean(axis=0),
-    )
     T_world_object = transform(np.array(planned.R_world_object), np.array(planned.p_world_object))
-    turned = T_world_object @ placed[best.marker_id] @ inverse_transform(T_camera_marker)
+    turned = T_world_object @ inverse_transform(view.T_camera_object)
     # The plan describes a strike with a heading in W rotated by that heading.
     standing = turned_camera(replace(camera, T_world_camera=turned), -planned.heading_rad)
     return StrikeCameraPose(strike_id, standing.T_world_camera)

@@ -15,17 +15,24 @@ import numpy as np
 
 from analyze.cameras.camera_file import CameraFile, camera_of, read_camera
 from analyze.errors import ImportRefused
-from analyze.importing.camera_pose import (
-    EstimatedCameraPose,
-    StrikeCameraPose,
-    camera_pose_from_strike,
-    mean_camera_pose,
-)
+from analyze.importing.camera_pose import EstimatedCameraPose, camera_pose_from_strike, mean_camera_pose
+from analyze.importing.matching import TipInView, match_strikes, matched_ids, refuse_contradiction
 from analyze.importing.onsets import Onset, OnsetFinder
 from analyze.importing.options import ImportOptions
-from analyze.importing.prepared_import import PreparedImport, storable_videos
+from analyze.importing.prepared_import import Assignment, PreparedImport, storable_videos
 from analyze.importing.spool import Spool
-from analyze.importing.windows import Clip, StrikeWindow, one_window_per_clip, split_clip, window_around
+from analyze.importing.tip_view import TipView, tip_view
+from analyze.importing.windows import (
+    SKIPPED,
+    Clip,
+    FoundTip,
+    StrikeWindow,
+    found_tips,
+    ids_in_order,
+    stated_ids,
+    strike_windows,
+    window_around,
+)
 from analyze.pipeline.read_evidence import placed_markers
 from analyze.progress import Progress, no_progress
 from analyze.reading.object_file import ObjectFiles, read_object_files
@@ -41,8 +48,11 @@ from schemas.strike_plan import StrikePlan, parse_strike_plan
 PROGRESS_EVERY_FRAMES = 50
 """frames between two updates of the progress bar"""
 MOTION_AFTER_ONSET_NS = 600_000_000
-"""time after the onset of which images are used for the camera's pose [ns]: the motion resolves a tag's pose
-ambiguity"""
+"""time after the onset of which images are used to recognise a strike [ns]: the motion shows the edge, and
+resolves a tag's pose ambiguity"""
+MOTION_FRAMES = 144
+"""least number of images after the onset that are used, so that undeclared slow motion shows enough of the
+motion"""
 
 
 def prepare(options: ImportOptions, progress: Progress = no_progress) -> PreparedImport:
@@ -95,19 +105,16 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
                 _search(*each, markers, splits, directions, progress)
                 for each in zip(options.sources, sources, spools, strict=True)
             )
-        windows = (
-            split_clip(clips[0], planned, options.strikes)
-            if splits
-            else one_window_per_clip(clips, planned, options.strikes)
-        )
+        tips = found_tips(clips, splits)
+        views = _tip_views(files, camera, images, clips, tips, progress)
+        ids, assignment = _assigned_ids(options, plan, files, camera, clips, tips, views, splits)
+        windows = strike_windows(clips, tips, ids)
         if not windows:
             raise ImportRefused("every source is left out: nothing remains to import")
         if not camera.placed and not options.whole and all(window.onset is None for window in windows):
             clip = clips[windows[0].clip]
             raise ImportRefused(f"{clip.path}: no strike is found in it: {clip.why_no_strike}")
-        place = (
-            None if camera.placed else _estimate_camera_pose(files, plan, camera, images, windows, progress)
-        )
+        place = None if camera.placed else _estimate_camera_pose(plan, camera, views, windows)
         calibration = camera.calibration
         if place is not None:
             calibration = calibration.model_copy(update={"T_world_camera": place.T_world_camera.tolist()})
@@ -123,6 +130,7 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
             clips,
             windows,
             splits,
+            assignment,
             sources[0].rate_hz,
             calibration,
             place,
@@ -238,24 +246,101 @@ def _search(
     return Clip(path, tuple(onsets), times[-1] if times else None, frame_ns, finder.ever_rested)
 
 
-def _estimate_camera_pose(
+def _tip_views(
     files: ObjectFiles,
-    plan: StrikePlan,
     camera: CameraFile,
     images: Sequence[Frames],
-    windows: Sequence[StrikeWindow],
+    clips: Sequence[Clip],
+    tips: Sequence[FoundTip],
     progress: Progress,
+) -> list[TipView | None]:
+    """Pose of the object at rest in the camera's frame and its turning line, for each tip.
+
+    Args:
+        files: the object, with its markers.
+        camera: lens of the camera.
+        images: images of each source.
+        clips: the sources.
+        tips: the tips; those without an onset (first motion) have no view.
+        progress: called with a text, the number of finished tips and of all.
+
+    Returns:
+        For each tip its view; None if no marker of known pose on the object is at rest in view.
+
+    Raises:
+        TrackingError: the images show another object, or one of its markers twice.
+    """
+    lens, markers = camera_from_spec(camera.calibration), placed_markers(files.spec)
+    if all(marker.T_object_marker is None for marker in markers):
+        return [None for _ in tips]
+    views: list[TipView | None] = []
+    for number, tip in enumerate(tips):
+        progress("recognising the strikes", number, len(tips))
+        if tip.onset is None:
+            views.append(None)
+            continue
+        frame_ns = clips[tip.clip].frame_ns
+        start_ns, end_ns = window_around(tip.onset, frame_ns)
+        until_ns = tip.onset.time_ns + max(MOTION_AFTER_ONSET_NS, round(MOTION_FRAMES * frame_ns))
+        frames = (
+            ImageFrame(frame.time_ns, number, frame.image)
+            for number, frame in enumerate(images[tip.clip].frames(start_ns, min(until_ns, end_ns)))
+        )
+        views.append(tip_view(frames, tip.onset.time_ns, lens, markers))
+    return views
+
+
+def _assigned_ids(
+    options: ImportOptions,
+    plan: StrikePlan,
+    files: ObjectFiles,
+    camera: CameraFile,
+    clips: Sequence[Clip],
+    tips: Sequence[FoundTip],
+    views: Sequence[TipView | None],
+    split: bool,
+) -> tuple[list[str], Assignment]:
+    """Planned id of each tip: as stated, else as the images show it, else in the plan's order.
+
+    Raises:
+        ImportRefused: a tip shows another strike than stated, or one that the plan does not have, or its
+            strike is not determined.
+    """
+    planned = [strike.id for strike in plan.strikes]
+    seen = [TipInView(tip.name, view) for tip, view in zip(tips, views, strict=True)]
+    up = np.array(camera.calibration.T_world_camera)[2, :3] if camera.placed else None
+    matches = match_strikes(seen, plan, files.spec, up)
+    ids = stated_ids(clips, tips, planned, options.strikes)
+    if ids is not None:
+        by_option = bool(options.strikes)
+        refuse_contradiction(seen, ids, matches, plan, files.spec, "--strike" if by_option else "its name")
+        return ids, Assignment.OPTION if by_option else Assignment.NAMES
+    for match in matches:
+        if match.misfit:
+            raise ImportRefused(
+                f"{match.misfit}: name it with --strike ID, or leave it out (--strike {SKIPPED})"
+            )
+    ids = matched_ids(matches)
+    if ids is not None:
+        return ids, Assignment.IMAGES
+    ids = ids_in_order(clips, tips, planned, split)
+    refuse_contradiction(seen, ids, matches, plan, files.spec, "the plan's order")
+    return ids, Assignment.ORDER
+
+
+def _estimate_camera_pose(
+    plan: StrikePlan,
+    camera: CameraFile,
+    views: Sequence[TipView | None],
+    windows: Sequence[StrikeWindow],
 ) -> EstimatedCameraPose:
     """Estimate the camera's pose in the world frame from the object at rest before each strike.
 
     Args:
-        files: the object, with its markers.
         plan: strike plan with the object's resting poses.
         camera: lens of the camera.
-        images: images of each source.
-        windows: windows of the strikes (parts of the sources); those without an onset (first motion) are not
-            used.
-        progress: called with a text, the number of finished strikes and of all.
+        views: the object as it is seen at each tip.
+        windows: windows of the strikes (parts of the sources).
 
     Returns:
         Mean pose over the strikes, with the rms deviation from it of their orientations [rad] and positions
@@ -263,21 +348,13 @@ def _estimate_camera_pose(
 
     Raises:
         ImportRefused: no strike gives a pose, or the poses differ too much.
-        TrackingError: the images show another object, or one of its markers twice.
     """
-    lens, markers = camera_from_spec(camera.calibration), placed_markers(files.spec)
-    views: list[StrikeCameraPose] = []
-    for number, window in enumerate(windows):
-        progress("estimating the camera pose", number, len(windows))
-        if window.onset is None:
-            continue
-        planned = next(strike for strike in plan.strikes if strike.id == window.plan_strike_id)
-        until_ns = window.onset.time_ns + MOTION_AFTER_ONSET_NS
-        frames = (
-            ImageFrame(frame.time_ns, number, frame.image)
-            for number, frame in enumerate(images[window.clip].frames(window.start_ns, until_ns))
-        )
-        view = camera_pose_from_strike(frames, window.onset.time_ns, lens, markers, planned, window.strike_id)
-        if view is not None:
-            views.append(view)
-    return mean_camera_pose(views)
+    lens = camera_from_spec(camera.calibration)
+    by_id = {strike.id: strike for strike in plan.strikes}
+    return mean_camera_pose(
+        [
+            camera_pose_from_strike(view, lens, by_id[window.plan_strike_id], window.strike_id)
+            for window in windows
+            if (view := views[window.tip]) is not None
+        ]
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -21,6 +22,15 @@ MAX_RATE_RATIO = 1.2
 """ratio of two frame rates above which they differ; the light changes a phone's rate by less"""
 MAX_SLOW_MOTION_HZ = 61.0
 """frame rate below which a video may be slow motion [Hz]"""
+
+
+class Assignment(enum.Enum):
+    """How the sources were assigned to the planned strikes, in words for the user."""
+
+    OPTION = "as --strike names them"
+    NAMES = "by the files' names"
+    IMAGES = "by the tag at rest and the edge that the object tips over"
+    ORDER = "in the plan's order"
 
 
 @dataclass(frozen=True)
@@ -52,6 +62,8 @@ class PreparedImport:
     """parts of the sources that show the planned strikes"""
     was_split: bool
     """True if the only source was searched for several strikes"""
+    assignment: Assignment
+    """how the sources were assigned to the planned strikes"""
     rate_hz: float
     """frame rate of the first source as captured [Hz]"""
     calibration: CameraCalibrationSpec

@@ -43,6 +43,7 @@ def render_import(prepared: PreparedImport) -> list[str]:
             window.strike_id, clip.path.name, seen, start, moves, end, _note(prepared, clip, window)
         )
     Terminal().print(table)
+    click.echo(f"strikes assigned {prepared.assignment.value}{_missing(prepared)}")
     click.echo(f"{prepared.rate_hz:.6g} frames per second; {prepared.formats}")
     if prepared.place is not None:
         degrees, millimetres = math.degrees(prepared.place.deviation_rad), 1000 * prepared.place.deviation_m
@@ -55,6 +56,13 @@ def render_import(prepared: PreparedImport) -> list[str]:
         )
         click.echo(f"the camera's pose comes from the object at rest in {checked}")
     return _remark(prepared.remarks())
+
+
+def _missing(prepared: PreparedImport) -> str:
+    """Words for the planned strikes that no source shows: "; not filmed: s4, s7"; "" if there is none."""
+    shown = {window.plan_strike_id for window in prepared.windows}
+    missing = [strike.id for strike in prepared.plan.strikes if strike.id not in shown]
+    return f"; not filmed: {', '.join(missing)}" if missing else ""
 
 
 def render_written(written: Written, shown: list[str]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -83,6 +83,8 @@ class StrikeWindow:
     """last time on the source's clock [ns], included; None for the source's last image"""
     onset: Onset | None
     """onset of the strike; None if it was not searched for, or not found"""
+    tip: int = 0
+    """index of the tip in the list of those found"""
 
     @property
     def strike_id(self) -> str:
@@ -90,106 +92,140 @@ class StrikeWindow:
         return f"{self.plan_strike_id}.{self.attempt}"
 
 
-def one_window_per_clip(
-    clips: Sequence[Clip], planned: Sequence[str], strike_ids: Sequence[str]
-) -> tuple[StrikeWindow, ...]:
-    """Windows (parts of sources) of clips that show one strike each, in the order of the clips.
+@dataclass(frozen=True)
+class FoundTip:
+    """Tip found in a clip, or a whole clip in which none was found, that becomes one strike."""
 
-    A window lies around the clip's first onset (begin of a motion), or is the whole clip if none was found.
+    clip: int
+    """index of the clip in the list of those imported"""
+    onset: Onset | None
+    """onset of the tip; None if none was searched for, or found"""
+    name: str
+    """name of the clip's file and, if the clip shows several strikes, the time in it: "a.mp4 at 2.3 s\""""
+
+
+def found_tips(clips: Sequence[Clip], split: bool) -> tuple[FoundTip, ...]:
+    """Tips that become strikes, in the order of the clips and of their times.
 
     Args:
         clips: clips in the order in which they were given.
-        planned: ids of the plan's strikes, in its order.
-        strike_ids: planned ids of the clips' strikes, in the clips' order; `SKIPPED` leaves a clip out. If
-            empty, the clips' file names without suffix are the ids if all of them are ids of the plan;
-            otherwise the plan's order applies.
+        split: True to take every tip of the only clip, False for the first tip of each clip.
 
     Raises:
-        ImportRefused: numbers of clips and ids do not fit, or an id is not in the plan.
+        ImportRefused: `split`, and the clip shows no tip.
     """
-    names = [clip.path.stem for clip in clips]
-    if not strike_ids and len(clips) > len(planned) and not set(names) <= set(planned):
-        raise ImportRefused(
-            f"{counted(len(clips), 'source')}, but the plan has {counted(len(planned), 'strike')}: name "
-            "each with --strike ID, in order"
+    if not split:
+        return tuple(
+            FoundTip(number, clip.onsets[0] if clip.onsets else None, clip.path.name)
+            for number, clip in enumerate(clips)
         )
-    ids = list(strike_ids) or (names if set(names) <= set(planned) else list(planned))
-    if strike_ids and len(strike_ids) != len(clips):
+    clip = clips[0]
+    if not clip.onsets:
+        raise ImportRefused(f"{clip.path}: no strike is found in it: {clip.why_no_strike}")
+    times = [f" at {onset.time_ns * 1e-9:.1f} s" if len(clip.onsets) > 1 else "" for onset in clip.onsets]
+    return tuple(
+        FoundTip(0, onset, clip.path.name + at) for onset, at in zip(clip.onsets, times, strict=True)
+    )
+
+
+def stated_ids(
+    clips: Sequence[Clip], tips: Sequence[FoundTip], planned: Sequence[str], strike_ids: Sequence[str]
+) -> list[str] | None:
+    """Planned ids of the tips as the option --strike or the names of the clips' files state them.
+
+    Args:
+        clips: clips in the order in which they were given.
+        tips: tips that become strikes.
+        planned: ids of the plan's strikes.
+        strike_ids: values of --strike, `SKIPPED` to leave one out; if empty, names of files without suffix
+            count if all of them are ids of the plan and no clip shows several strikes.
+
+    Returns:
+        One id per tip; None if nothing states them.
+
+    Raises:
+        ImportRefused: --strike is not given once per tip, or names no strike of the plan.
+    """
+    if not strike_ids:
+        names = [clips[tip.clip].path.stem for tip in tips]
+        is_split = len(tips) > len(clips)
+        return names if set(names) <= set(planned) and not is_split else None
+    if len(strike_ids) != len(tips):
+        if len(clips) == 1:
+            raise ImportRefused(
+                f"{clips[0].path}: {_shows(clips[0], tips)}, but --strike is given {len(strike_ids)} times: "
+                "give one for each"
+            )
         raise ImportRefused(
             f"{len(strike_ids)} times --strike for {counted(len(clips), 'source')}: give one for each, in "
             f"their order, {SKIPPED} to leave one out"
         )
-    _refuse_unknown(ids, planned)
-    first = [(number, clip.onsets[0] if clip.onsets else None) for number, clip in enumerate(clips)]
-    return _windows(clips, first, ids)
-
-
-def split_clip(clip: Clip, planned: Sequence[str], strike_ids: Sequence[str]) -> tuple[StrikeWindow, ...]:
-    """Windows (parts of a source) of a clip that shows several strikes, one around each onset.
-
-    They are in the order of their times and do not overlap.
-
-    Args:
-        clip: clip that was searched for onsets.
-        planned: ids of the plan's strikes, in its order.
-        strike_ids: planned ids of the onsets' strikes, in the onsets' order, `SKIPPED` to leave one out; if
-            empty the plan's order.
-
-    Raises:
-        ImportRefused: there is no onset, the numbers of onsets and ids differ, or an id is not in the plan.
-    """
-    found = len(clip.onsets)
-    at = ", ".join(f"{onset.time_ns * 1e-9:.1f}" for onset in clip.onsets)
-    if not found:
-        raise ImportRefused(f"{clip.path}: no strike is found in it: {clip.why_no_strike}")
-    if not strike_ids and found != len(planned):
-        raise ImportRefused(
-            f"{clip.path}: shows {counted(found, 'strike')} (at {at} s), the plan has {len(planned)}: "
-            f"name each with --strike ID, in order, {SKIPPED} to leave one out"
-        )
-    if strike_ids and len(strike_ids) != found:
-        raise ImportRefused(
-            f"{clip.path}: shows {counted(found, 'strike')} (at {at} s), but --strike is given "
-            f"{len(strike_ids)} times: give one for each"
-        )
-    ids = list(strike_ids) or list(planned)
-    _refuse_unknown(ids, planned)
-    return _windows([clip], [(0, onset) for onset in clip.onsets], ids)
-
-
-def _refuse_unknown(ids: Iterable[str], planned: Sequence[str]) -> None:
-    for each in ids:
+    for each in strike_ids:
         if each not in planned and each != SKIPPED:
             raise ImportRefused(f"--strike {each}: the plan has {', '.join(planned)}")
+    return list(strike_ids)
 
 
-def _windows(
-    clips: Sequence[Clip], found: Sequence[tuple[int, Onset | None]], ids: Sequence[str]
+def ids_in_order(
+    clips: Sequence[Clip], tips: Sequence[FoundTip], planned: Sequence[str], split: bool
+) -> list[str]:
+    """Ids of the plan's strikes in its order, for tips of which nothing else is known.
+
+    Args:
+        clips: clips in the order in which they were given.
+        tips: tips that become strikes.
+        planned: ids of the plan's strikes, in its order.
+        split: True if the only clip shows several strikes: there must then be as many as in the plan.
+
+    Raises:
+        ImportRefused: the numbers of tips and planned strikes do not fit.
+    """
+    if split and len(tips) != len(planned):
+        raise ImportRefused(
+            f"{clips[0].path}: {_shows(clips[0], tips)}, the plan has {len(planned)}: "
+            f"name each with --strike ID, in order, {SKIPPED} to leave one out"
+        )
+    if len(tips) > len(planned):
+        raise ImportRefused(
+            f"{counted(len(clips), 'source')}, but the plan has {counted(len(planned), 'strike')}: name "
+            "each with --strike ID, in order"
+        )
+    return list(planned[: len(tips)])
+
+
+def _shows(clip: Clip, tips: Sequence[FoundTip]) -> str:
+    """Words for the tips of a clip, with their times [s]: "shows 2 strikes (at 1.2, 5.3 s)"."""
+    at = ", ".join(f"{onset.time_ns * 1e-9:.1f}" for onset in clip.onsets)
+    return f"shows {counted(len(tips), 'strike')} (at {at} s)"
+
+
+def strike_windows(
+    clips: Sequence[Clip], tips: Sequence[FoundTip], ids: Sequence[str]
 ) -> tuple[StrikeWindow, ...]:
-    """Windows of strikes (parts of sources), in the order of `found`.
+    """Windows of strikes (parts of sources), in the order of the tips.
 
     A window ends at the latest where the object rests before the next strike in the same clip (source), or at
     the clip's end.
 
     Args:
         clips: the sources.
-        found: index of the source and onset of each strike; where the onset is None, the window is the
-            whole source.
+        tips: tips that become strikes; where the onset is None, the window is the whole source.
         ids: planned id of each strike; those with `SKIPPED` get no window.
     """
     attempts: Counter[str] = Counter()
     windows: list[StrikeWindow] = []
-    for at, ((number, onset), strike) in enumerate(zip(found, ids, strict=False)):
+    for at, (tip, strike) in enumerate(zip(tips, ids, strict=True)):
         if strike == SKIPPED:
             continue
         attempts[strike] += 1
         start = end = None
+        number, onset = tip.clip, tip.onset
         if onset is not None:
             start, end = window_around(onset, clips[number].frame_ns)
-            following = found[at + 1][1] if at + 1 < len(found) and found[at + 1][0] == number else None
+            following = tips[at + 1].onset if at + 1 < len(tips) and tips[at + 1].clip == number else None
             if following is not None:
                 end = min(end, following.rest_ns)
             last_ns = clips[number].last_ns
             end = end if last_ns is None else min(end, last_ns)
-        windows.append(StrikeWindow(number, strike, attempts[strike], start, end, onset))
+        windows.append(StrikeWindow(number, strike, attempts[strike], start, end, onset, at))
     return tuple(windows)

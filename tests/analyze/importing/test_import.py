@@ -193,8 +193,8 @@ def test_assignment_of_clips_to_strikes(tmp_path):
         prepare(ImportOptions((path,), *setting(tmp_path), ("s7",), whole=True))
     with pytest.raises(ImportRefused, match="2 sources, but the plan has 1"):
         prepare(ImportOptions((path, path), *setting(tmp_path), whole=True))
-    with pytest.raises(ImportRefused, match=r"shows 1 strike .at 0.2 s., the plan has 2"):
-        prepare(ImportOptions((path,), *setting(tmp_path, ("s1", "s2"))))
+    with pytest.raises(ImportRefused, match=r"shows 1 strike .at 0.2 s., but --strike is given 2 times"):
+        prepare(ImportOptions((path,), *setting(tmp_path, ("s1", "s2")), ("s1", "s2")))
 
 
 def test_camera_pose_from_the_resting_object(tmp_path):

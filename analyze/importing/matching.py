@@ -1,0 +1,274 @@
+"""Matches tips in videos with planned strikes, by the tag at rest and the edge that the object tips over.
+
+The pose of the object in the camera's frame shows which side faces the camera; the line about which the
+object turns is an edge of the object, and its sense shows on which face beside that edge the object rested.
+Neither needs the camera's pose.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analyze.errors import ImportRefused
+from analyze.importing.tip_view import TipView, TurningLine
+from analyze.importing.windows import SKIPPED
+from analyze.tags.side_names import side_name
+from analyze.types import Array
+from schemas.object_spec import ObjectSpec
+from schemas.strike_plan import PlannedStrike, StrikePlan
+
+MAX_TILT = math.radians(20.0)
+"""largest angle between the line about which an object turned and a planned edge [rad]"""
+MAX_OFFSET_M, MAX_OFFSET_SHARE = 0.005, 0.15
+"""largest distance between these lines: a length [m] plus a share of the line's distance from the tag, which
+cover an error of the tag's stated place of several millimetres"""
+MAX_CAMERA_ANGLE = math.radians(60.0)
+"""largest angle between the camera's direction of sight and the planned edge [rad]"""
+MAX_UP_ANGLE = math.radians(35.0)
+"""largest angle between a placement's vertical, as the camera sees it, and that of the other strikes [rad]"""
+MIN_LEAD = 0.3
+"""least difference of two mismatches for one placement to be preferred"""
+
+
+@dataclass(frozen=True)
+class TipInView:
+    """Tip found in a clip, and what is seen of it."""
+
+    name: str
+    """name of the clip's file, with the time in it if it shows several strikes"""
+    view: TipView | None
+    """pose at rest and turning line; None if no tag of known pose on the object is seen"""
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Planned strikes for which the object is put down in the same way; a video cannot distinguish them."""
+
+    strikes: tuple[PlannedStrike, ...]
+    """the strikes, in the plan's order"""
+
+    @property
+    def names(self) -> str:
+        """Ids of the strikes: "s1, s2"."""
+        return ", ".join(strike.id for strike in self.strikes)
+
+    def is_seen_from_its_end(self, view: TipView) -> bool:
+        """True if the camera looks along the edge in the planned direction, to within `MAX_CAMERA_ANGLE`."""
+        return float(_sight(view) @ _planned_sight(self.strikes[0])) > math.cos(MAX_CAMERA_ANGLE)
+
+    def differences(self, line: TurningLine) -> tuple[float, float]:
+        """Angle [rad] and distance [m] between a turning line and the planned edge, beside the tag."""
+        pivot = self.strikes[0].pivot
+        direction, apart = np.array(pivot.direction), line.point - np.array(pivot.point)
+        angle = math.acos(float(np.clip(direction @ line.direction, -1.0, 1.0)))
+        return angle, float(np.linalg.norm(apart - direction * (direction @ apart)))
+
+    def mismatches(self, line: TurningLine) -> tuple[float, float]:
+        """Angle and distance between a turning line and the planned edge, relative to the largest allowed."""
+        angle, offset = self.differences(line)
+        return angle / MAX_TILT, offset / (MAX_OFFSET_M + MAX_OFFSET_SHARE * line.distance)
+
+    def mismatch(self, view: TipView) -> float:
+        """Mismatch of a tip with this placement: 0 for a perfect match, above 1 if it is excluded.
+
+        It is infinite if the camera sees the object from another end, or no turning line was determined.
+        """
+        if view.line is None or not self.is_seen_from_its_end(view):
+            return math.inf
+        return math.hypot(*self.mismatches(view.line))
+
+    def up_in_camera(self, view: TipView) -> Array:
+        """Unit vector (3,) upwards in the camera's frame, if the view shows the object in this placement."""
+        return view.T_camera_object[:3, :3] @ np.array(self.strikes[0].R_world_object)[2]
+
+    def words(self, spec: ObjectSpec) -> str:
+        """Placement in words: the sides that lie on the table, face the camera and are tipped towards."""
+        strike = self.strikes[0]
+        R_world_object = np.array(strike.R_world_object)
+        under = side_name(spec, -R_world_object[2])
+        facing = side_name(spec, -_planned_sight(strike))
+        return (
+            f"{under} underneath, {facing} to the camera, tips towards {side_name(spec, R_world_object[0])}"
+        )
+
+
+@dataclass(frozen=True)
+class Match:
+    """Placement of the plan that a tip shows, or the reason why it shows none of the plan."""
+
+    placement: Placement | None
+    """the placement; None if it is not determined"""
+    misfit: str = ""
+    """sentence: the object tips as in no strike of the plan; "" if it does, or nothing is known"""
+
+
+def match_strikes(
+    tips: Sequence[TipInView], plan: StrikePlan, spec: ObjectSpec, up_in_camera: Array | None
+) -> list[Match]:
+    """Placement of the plan that each tip shows.
+
+    Args:
+        tips: tips found in the videos.
+        plan: strike plan with the placements.
+        spec: object file, for the names of sides in messages.
+        up_in_camera: (3,) unit vector upwards in the camera's frame; None if the camera's pose is unknown:
+            then tips that only one placement explains determine it for the others.
+    """
+    placements = placements_of(plan)
+    choices = [_ranked(tip, placements) for tip in tips]
+    up = _common_up(tips, choices) if up_in_camera is None else up_in_camera
+    matches: list[Match] = []
+    for tip, found in zip(tips, choices, strict=True):
+        left = found
+        if up is not None and len(found) > 1:
+            left = [each for each in found if _rises(each, tip.view, up)]
+        if not found and tip.view is not None and tip.view.line is not None:
+            matches.append(Match(None, _no_such_strike(tip.name, tip.view, tip.view.line, placements, spec)))
+        else:
+            matches.append(Match(left[0] if len(left) == 1 else None))
+    return matches
+
+
+def matched_ids(matches: Sequence[Match]) -> list[str] | None:
+    """Planned ids of the tips by the placements that they show; None if one is not determined.
+
+    Tips of one placement are the strikes of that placement in the plan's order; further tips repeat them.
+    """
+    given: Counter[str] = Counter()
+    ids: list[str] = []
+    for match in matches:
+        if match.placement is None:
+            return None
+        strikes = match.placement.strikes
+        ids.append(strikes[given[match.placement.names] % len(strikes)].id)
+        given[match.placement.names] += 1
+    return ids
+
+
+def refuse_contradiction(
+    tips: Sequence[TipInView],
+    ids: Sequence[str],
+    matches: Sequence[Match],
+    plan: StrikePlan,
+    spec: ObjectSpec,
+    stated_by: str,
+) -> None:
+    """Check the stated ids of tips against the placements that the images show.
+
+    Args:
+        tips: tips found in the videos.
+        ids: planned id of each tip; `SKIPPED` for those left out.
+        matches: placement that each tip shows.
+        plan: strike plan.
+        spec: object file, for the names of sides.
+        stated_by: what states the ids, for the message, such as "its name".
+
+    Raises:
+        ImportRefused: a tip shows another placement of the plan than that of its id.
+    """
+    placement_of = {strike.id: each for each in placements_of(plan) for strike in each.strikes}
+    for tip, strike_id, match in zip(tips, ids, matches, strict=True):
+        shown = match.placement
+        if strike_id == SKIPPED or shown is None or placement_of[strike_id].names == shown.names:
+            continue
+        raise ImportRefused(
+            f"{tip.name}: by {stated_by} it is {strike_id} ({placement_of[strike_id].words(spec)}), but the "
+            f"images show {shown.names} ({shown.words(spec)}): import it as {shown.strikes[0].id}, or leave "
+            f"it out (--strike {SKIPPED})"
+        )
+
+
+def placements_of(plan: StrikePlan) -> list[Placement]:
+    """Placements of a plan, each with its strikes, in the plan's order."""
+    groups: dict[tuple[object, ...], list[PlannedStrike]] = {}
+    for strike in plan.strikes:
+        pose = np.round([*np.ravel(strike.R_world_object), *strike.p_world_object, strike.heading_rad], 4)
+        groups.setdefault(tuple((pose + 0.0).tolist()), []).append(strike)
+    return [Placement(tuple(strikes)) for strikes in groups.values()]
+
+
+def _ranked(tip: TipInView, placements: Sequence[Placement]) -> list[Placement]:
+    """Placements that explain a tip, the best first; those that explain it clearly worse are left out."""
+    if tip.view is None:
+        return []
+    rated = sorted((each.mismatch(tip.view), number) for number, each in enumerate(placements))
+    best = rated[0][0]
+    return [placements[number] for rating, number in rated if rating <= min(1.0, best + MIN_LEAD)]
+
+
+def _common_up(tips: Sequence[TipInView], choices: Sequence[Sequence[Placement]]) -> Array | None:
+    """Unit vector (3,) upwards in the camera's frame, from the tips that only one placement explains.
+
+    None if there is no such tip, or if they disagree by more than `MAX_UP_ANGLE`.
+    """
+    seen = [
+        found[0].up_in_camera(tip.view)
+        for tip, found in zip(tips, choices, strict=True)
+        if len(found) == 1 and tip.view is not None
+    ]
+    if not seen:
+        return None
+    total: Array = np.sum(seen, axis=0)
+    up: Array = total / max(float(np.linalg.norm(total)), 1e-9)
+    return up if min(float(each @ up) for each in seen) > math.cos(MAX_UP_ANGLE) else None
+
+
+def _rises(placement: Placement, view: TipView | None, up: Array) -> bool:
+    """Whether a placement's vertical, as the view shows it, is along `up` (3,) in the camera's frame."""
+    return view is not None and float(placement.up_in_camera(view) @ up) > math.cos(MAX_UP_ANGLE)
+
+
+def _sight(view: TipView) -> Array:
+    """Direction of sight (3,) of the camera in the object's frame O."""
+    return view.T_camera_object[2, :3]
+
+
+def _planned_sight(strike: PlannedStrike) -> Array:
+    """Direction of sight (3,) in O of a camera that looks along the edge, as planned for a strike.
+
+    The camera looks along +y of W; a strike's own W is turned by its heading, and the camera is not.
+    """
+    heading = strike.heading_rad
+    return np.array(strike.R_world_object).T @ np.array([math.sin(heading), math.cos(heading), 0.0])
+
+
+def _no_such_strike(
+    name: str, view: TipView, line: TurningLine, placements: Sequence[Placement], spec: ObjectSpec
+) -> str:
+    """Sentence: the images show a tip that the plan does not have; with the planned one that is nearest.
+
+    Args:
+        name: name of the clip.
+        view: pose of the object at rest.
+        line: line about which the object turned.
+        placements: placements of the plan.
+        spec: object file, for the names of sides.
+    """
+    facing = side_name(spec, _nearest_axis(-_sight(view)))
+    ends = [each for each in placements if each.is_seen_from_its_end(view)]
+    if not ends:
+        planned = sorted({side_name(spec, -_planned_sight(each.strikes[0])) for each in placements})
+        return (
+            f"{name}: shows the object with {facing} to the camera, the plan's strikes show "
+            f"{' or '.join(planned)}"
+        )
+    nearest = min(ends, key=lambda each: math.hypot(*each.mismatches(line)))
+    angle, offset = nearest.differences(line)
+    return (
+        f"{name}: with {facing} to the camera the object tips over an edge of no planned strike; nearest is "
+        f"{nearest.names} ({nearest.words(spec)}), whose edge is {math.degrees(angle):.0f} deg and "
+        f"{1000 * offset:.0f} mm off"
+    )
+
+
+def _nearest_axis(direction: Array) -> Array:
+    """Unit vector (3,) along the coordinate axis nearest to a direction."""
+    axis = np.zeros(3)
+    largest = int(np.argmax(np.abs(direction)))
+    axis[largest] = math.copysign(1.0, float(direction[largest]))
+    return axis
