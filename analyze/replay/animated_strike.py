@@ -111,7 +111,6 @@ def read_animated_strike(
         ShapeError, PlanError: the object file, its shape or the plan cannot be used.
     """
     records = _candidates(recording, strike_id)
-    records = _candidates(recording, strike_id)
     struck = struck_object(recording, object_path)
     markers = placed_markers(struck.spec)
     unfitted = ""

@@ -78,7 +78,7 @@ def _pixels(picture: np.ndarray, colour: tuple[int, int, int]) -> int:
     return int(np.count_nonzero(np.abs(right - np.array(colour)).max(axis=-1) < 12))
 
 
-def test_strange_names_and_bright_motions_are_drawn(strike):
+def test_strange_names_are_drawn(strike):
     odd = dataclasses.replace(strike, object_name="$x^{_ [b] 茶 " * 5)
     assert TipDrawing(odd, "").picture(0).any()
 

@@ -23,6 +23,7 @@ WRITERS = {
     ("report", "-o"): ["report", SAMPLE],
     ("replay", "--save"): ["replay", SAMPLE],
     ("replay", "--screenshot"): ["replay", SAMPLE],
+    ("replay", "--animation"): ["replay", SAMPLE],
     ("export", "-o"): ["export", SAMPLE, "--format", "urdf"],
     ("print-tags", "-o"): ["print-tags"],
     ("gravity", "--picture"): ["gravity", "a.png"],
