@@ -65,7 +65,7 @@ def test_every_option_that_names_a_file_to_write_is_checked_here() -> None:
 
 
 @pytest.mark.parametrize("suffix", [".mcap", ".TOML"])
-@pytest.mark.parametrize(("verb", "option"), WRITERS, ids=" ".join)
+@pytest.mark.parametrize(("verb", "option"), WRITERS, ids=map(" ".join, WRITERS))
 def test_existing_recording_or_settings_file_is_kept(
     tmp_path: Path, verb: str, option: str, suffix: str
 ) -> None:
