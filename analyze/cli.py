@@ -11,6 +11,7 @@ import os
 import click
 
 from analyze.verbs.batch import batch
+from analyze.verbs.cache import cache
 from analyze.verbs.calibrate.command import calibrate
 from analyze.verbs.estimate import estimate
 from analyze.verbs.export import export
@@ -60,5 +61,6 @@ for _verb in (
     export,
     batch,
     query,
+    cache,
 ):
     main.add_command(_verb)

@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 # times as long on a machine that has other work.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# Nothing is kept from test to test, nor in the folder of the user who runs the tests.
+os.environ["PERCUSS_CACHE"] = ""
+
 # A script's background job ignores Ctrl-C, and so do the processes that it starts: programs that tests
 # interrupt would not end.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

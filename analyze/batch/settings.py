@@ -5,26 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import asdict, dataclass
-from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 
+from analyze.cache.code_version import analysis_version
 from analyze.errors import ArchiveError
-
-_ROOT = Path(__file__).resolve().parent.parent.parent
-_PACKAGES = ("analyze", "schemas")
-WITHOUT_EFFECT = (
-    "analyze/batch",
-    "analyze/cards",
-    "analyze/verbs",
-    "analyze/replay",
-    "analyze/reproduce",
-    "analyze/report/templates",
-)
-"""folders of modules that request or show results, without effect on them"""
-EXCEPTIONS = ("analyze/batch/analysis.py", "analyze/batch/sparse_copy.py", "analyze/batch/result_rows.py")
-"""modules in the folders `WITHOUT_EFFECT` that nevertheless affect the results"""
-NUMERICAL_LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "trimesh")
 
 
 @dataclass(frozen=True)
@@ -77,23 +61,6 @@ def _sha256_of(path: Path) -> str:
 
     files = read_object_files(path)
     return hashlib.sha256(path.read_bytes() + (files.shape_bytes or b"")).hexdigest()
-
-
-@cache
-def analysis_version() -> str:
-    """Hash (16 hexadecimal digits) of the code and library versions that compute the results.
-
-    Modules without effect on the results (commands, cards, replays) are left out. Computed once per process.
-    """
-    digest = hashlib.sha256()
-    for package in _PACKAGES:
-        for path in sorted((_ROOT / package).rglob("*.py")):
-            name = path.relative_to(_ROOT).as_posix()
-            if name in EXCEPTIONS or not name.startswith(WITHOUT_EFFECT):
-                digest.update(f"{name}\n".encode() + path.read_bytes())
-    for library in NUMERICAL_LIBRARIES:
-        digest.update(f"{library} {version(library)}\n".encode())
-    return digest.hexdigest()[:16]
 
 
 def key_of(content_id: str, settings: BatchSettings) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from analyze.cache.results import ResultCache
 from analyze.errors import ExportError
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.pipeline.estimate import EstimateOptions
@@ -46,7 +47,11 @@ def is_result(files: Sequence[Path]) -> bool:
 
 
 def read_export_input(
-    files: Sequence[Path], object_path: Path | None, exclude: frozenset[str], progress: Progress | None
+    files: Sequence[Path],
+    object_path: Path | None,
+    exclude: frozenset[str],
+    progress: Progress | None,
+    cache: ResultCache | None = None,
 ) -> ExportInput:
     """Result and object of an export, from recordings or from a result file and an object file.
 
@@ -59,6 +64,7 @@ def read_export_input(
         exclude: ids of strikes to leave out of an estimate from recordings.
         progress: called with (text, strikes done, strikes in all) while recordings are estimated; None for
             silence.
+        cache: cache of strikes read and estimates made before; None to compute all anew.
 
     Raises:
         ExportError: a result is given with other files, without its object file, with that of another
@@ -68,7 +74,7 @@ def read_export_input(
         PlanError, DocumentError: the result cannot be read, or holds an entry that cannot be used.
     """
     if not is_result(files):
-        answer = answer_recordings(files, EstimateOptions(object_path, exclude), progress)
+        answer = answer_recordings(files, EstimateOptions(object_path, exclude), progress, cache)
         evidence = answer.estimate.evidence
         return ExportInput(answer.result, evidence.spec, evidence.model)
     path = files[0]

@@ -5,7 +5,6 @@ The regions are the shell (outer wall) and the interior on either side of a plan
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -48,15 +47,7 @@ from analyze.pipeline.frame_rate import (
     stated_scale,
     with_estimated_gravity,
 )
-from analyze.pipeline.merge import (
-    by_start_time,
-    merge_evidence,
-    paths_text,
-    refuse_unmergeable,
-    resolve_exclusions,
-)
 from analyze.pipeline.prediction import StrikePrediction, predict_strikes
-from analyze.pipeline.read_evidence import read_evidence, read_head
 from analyze.pipeline.rim_heading import with_heading_errors
 from analyze.pipeline.shells import region_masses
 from analyze.pipeline.surface_error import SurfaceError, with_surface_error
@@ -67,7 +58,7 @@ from analyze.types import EquiPlane, TipMotion
 from schemas.strike_result import Verdict
 
 if TYPE_CHECKING:
-    from analyze.progress import Progress
+    pass
 
 from analyze.pipeline.equiplanes import equiplanes, systematic_errors
 from analyze.pipeline.paper import PaperEstimate, paper_estimate
@@ -186,61 +177,6 @@ class Estimate:
         object is turned to the balance angle, the plane is parallel to gravity as estimated.
         """
         return self.com.planes
-
-
-def estimate_recordings(
-    paths: Sequence[Path], options: EstimateOptions | None = None, progress: Progress | None = None
-) -> Estimate:
-    """Estimate one object's centre of mass, inertia and masses of parts from one or several recordings.
-
-    The order of the recordings does not matter.
-
-    Args:
-        paths: one or more recordings (MCAP).
-        options: choices of the user; None for the defaults.
-        progress: called with (text, done, total) before each strike, and before the estimate.
-
-    Returns:
-        The joint estimate: centre of mass, inertia, masses of shell and interior parts, with checks and the
-        evidence (fitted strikes).
-
-    Raises:
-        RecordingError: a file cannot be read.
-        MergeError: the recordings are not of one object, or one is named twice.
-        ShapeError: the object's file or shape cannot be used, or a label names a part that it does not have.
-        PlanError: a plan is of another object or shape, or lacks a strike that was recorded.
-        TrackingError: no marker of any strike of a recording can be tracked.
-        EstimationError: fewer than three strikes can be used, an excluded id names no strike or several, or
-            parts or filling cannot be estimated.
-    """
-    options = options or EstimateOptions()
-    heads = by_start_time([read_head(path) for path in paths])
-    if len(heads) > 1:
-        refuse_unmergeable(heads, options.object_path is not None)
-    options = replace(options, exclude=resolve_exclusions(heads, options.exclude))
-    total, done = sum(len(head.strike_ids) for head in heads), 0
-    read: list[Evidence] = []
-    for head in heads:
-        read.append(read_evidence(head, options.object_path, offset_progress(progress, done, total)))
-        done += len(head.strike_ids)
-    if progress is not None:
-        progress("estimating", total, total)
-    try:
-        return estimate_evidence(merge_evidence(read), options)
-    except EstimationError as error:
-        raise EstimationError(f"{paths_text(heads)}: {error}") from None
-
-
-def offset_progress(progress: Progress | None, before: int, total: int, prefix: str = "") -> Progress | None:
-    """Progress callback for one part of some work, which reports to `progress`, the callback of the whole.
-
-    It adds `before`, the number of the whole's steps done earlier, to the part's number of steps done,
-    reports `total` as the number of the whole's steps, and puts `prefix` in front of the part's texts. None
-    is returned if `progress` is None.
-    """
-    if progress is None:
-        return None
-    return lambda text, done, _: progress(prefix + text, before + done, total)
 
 
 def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None) -> Estimate:

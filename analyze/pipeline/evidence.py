@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
@@ -12,7 +12,7 @@ from analyze.geometry.bodies import Body
 from analyze.geometry.object_model import ObjectModel
 from analyze.motion.next_line import carried_strike
 from analyze.tracking.track import TrackingReport
-from analyze.types import ImageFrame, TipMotion
+from analyze.types import ImageFrame, Marker, TipMotion
 from schemas.object_spec import ObjectSpec
 from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import SessionManifest
@@ -139,6 +139,10 @@ class StrikeReading:
     """reason why no marker could be tracked; None otherwise"""
     frames_lost: int
     """frames lost within the strike's window"""
+
+
+StrikeReader = Callable[[StrikeSource, StruckObject, list[Marker], pb.StrikeRecord], StrikeReading]
+"""function that reads one strike: recording, object, markers to track, and the recording's entry of it"""
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from analyze.pipeline.evidence import (
     Evidence,
     ImpactMeasurement,
     RecordingHead,
+    StrikeReader,
     StrikeReading,
     StrikeSource,
     StruckObject,
@@ -107,6 +108,7 @@ def read_evidence(
     object_path: Path | None = None,
     progress: Progress | None = None,
     markers_of: Callable[[ObjectSpec], list[Marker]] = placed_markers,
+    reader: StrikeReader | None = None,
 ) -> Evidence:
     """Track the markers and fit the motion of every strike of a recording; return these as evidence.
 
@@ -116,6 +118,7 @@ def read_evidence(
         progress: called with (text, done, total) before each strike.
         markers_of: function from the object file's contents to the markers to track: `placed_markers`, or
             `unplaced_markers` to ignore the poses in the file.
+        reader: function that reads one strike; None for `read_strike`.
 
     Returns:
         Fitted motions and tracking reports, with object, shape and plan.
@@ -133,7 +136,7 @@ def read_evidence(
         for done, record in enumerate(recording.strikes):
             if progress is not None:
                 progress(f"strike {record.strike_id}", done, len(head.strike_ids))
-            readings.append(read_strike(recording, struck, markers, record))
+            readings.append((reader or read_strike)(recording, struck, markers, record))
         return evidence_from_readings(head, struck, readings)
 
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from analyze.cache.results import ResultCache
     from analyze.pipeline.estimate import Estimate
     from analyze.pipeline.evidence import RecordingHead, StrikeReading, StrikeSource, StruckObject
     from analyze.replay.body import SceneInputs
@@ -38,6 +39,8 @@ class ReplayOptions:
     """Selection and encoding of the images."""
     page: str | None = None
     """Page shown in front; None for the newest strike and, at the end, the answer."""
+    cache: ResultCache | None = None
+    """Cache of strikes read and estimates made before; None to compute all anew."""
 
 
 class Sender:
@@ -155,7 +158,7 @@ class Sender:
             record: the strike as recorded; its page (tab of the viewer) must have been added.
             more: True if further strikes may follow.
         """
-        from analyze.pipeline.read_evidence import read_strike
+        from analyze.pipeline.cached import cached_strike_reader
         from analyze.replay.strike_scene import send_strike
         from analyze.replay.views import contact_from_motion
 
@@ -168,6 +171,7 @@ class Sender:
             )
             return
         try:
+            read_strike = cached_strike_reader(self._options.cache)
             reading = read_strike(source, struck, list(body.markers), record)
         except (RecordingError, PlanError) as error:
             (self.damage if isinstance(error, RecordingError) else self.no_answer).append(str(error))
@@ -219,7 +223,8 @@ class Sender:
         Args:
             head: identity of the recording.
         """
-        from analyze.pipeline.estimate import EstimateOptions, estimate_evidence
+        from analyze.pipeline.cached import estimate_with_cache
+        from analyze.pipeline.estimate import EstimateOptions
         from analyze.pipeline.merge import resolve_exclusions
         from analyze.pipeline.read_evidence import evidence_from_readings
 
@@ -230,7 +235,7 @@ class Sender:
                 self._options.object_path, resolve_exclusions([head], self._options.exclude)
             )
             evidence = evidence_from_readings(head, self._struck, self._readings)
-            self._send_estimate(estimate_evidence(evidence, options))
+            self._send_estimate(estimate_with_cache(self._options.cache, evidence, options))
         except AnalyzeError as error:
             text = str(error) if str(error).startswith(str(head.path)) else f"{head.path}: {error}"
             self.no_answer = [text]

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from analyze.pipeline.estimate import estimate_evidence, estimate_recordings
+from analyze.pipeline.estimate import estimate_evidence
+from analyze.pipeline.estimate_recordings import estimate_recordings
 from analyze.result.document import result_document
 from schemas.document import canonical_json
 
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from analyze.cache.results import ResultCache
     from analyze.pipeline.estimate import Estimate, EstimateOptions
     from analyze.pipeline.evidence import Evidence
     from analyze.progress import Progress
@@ -39,7 +41,10 @@ class Answer:
 
 
 def answer_recordings(
-    paths: Sequence[Path], options: EstimateOptions | None = None, progress: Progress | None = None
+    paths: Sequence[Path],
+    options: EstimateOptions | None = None,
+    progress: Progress | None = None,
+    cache: ResultCache | None = None,
 ) -> Answer:
     """Estimate one object from one or several recordings; return it with the Result document.
 
@@ -47,6 +52,7 @@ def answer_recordings(
         paths: one or more recordings (MCAP), in any order.
         options: choices of the user; None for the defaults.
         progress: called with (text, done, total) before each strike, and before the estimate.
+        cache: cache of strikes read and estimates made before; None to compute all anew.
 
     Returns:
         The estimate (centre of mass, inertia, masses of parts) with its Result document.
@@ -60,7 +66,7 @@ def answer_recordings(
         EstimationError: fewer than three strikes can be used, an excluded id names no strike or several, or
             parts or filling cannot be estimated.
     """
-    return Answer.from_estimate(estimate_recordings(paths, options, progress))
+    return Answer.from_estimate(estimate_recordings(paths, options, progress, cache))
 
 
 def answer_evidence(evidence: Evidence, options: EstimateOptions | None = None) -> Answer:

@@ -13,8 +13,10 @@ from scipy.special import chdtrc
 from analyze.errors import EstimationError
 from analyze.estimation.agreement import Agreement, agreement
 from analyze.estimation.priors import ComPrior
+from analyze.pipeline.cached import cached_strike_reader, estimate_with_cache
 from analyze.pipeline.equiplanes import systematic_errors
-from analyze.pipeline.estimate import Estimate, EstimateOptions, estimate_evidence, offset_progress
+from analyze.pipeline.estimate import Estimate, EstimateOptions
+from analyze.pipeline.estimate_recordings import offset_progress
 from analyze.pipeline.evidence import Evidence
 from analyze.pipeline.merge import (
     by_start_time,
@@ -24,10 +26,11 @@ from analyze.pipeline.merge import (
     resolve_exclusions,
 )
 from analyze.pipeline.read_evidence import read_evidence, read_head
-from analyze.result.answer import Answer, answer_evidence
+from analyze.result.answer import Answer
 from schemas.document import canonical_json
 
 if TYPE_CHECKING:
+    from analyze.cache.results import ResultCache
     from analyze.pipeline.evidence import RecordingHead
     from analyze.progress import Progress
 
@@ -107,7 +110,10 @@ class SessionComparison:
 
 
 def compare_recordings(
-    paths: Sequence[Path], options: EstimateOptions | None = None, progress: Progress | None = None
+    paths: Sequence[Path],
+    options: EstimateOptions | None = None,
+    progress: Progress | None = None,
+    cache: ResultCache | None = None,
 ) -> SessionComparison:
     """Estimate each recording by itself and all together, and test whether their centres of mass agree.
 
@@ -115,6 +121,7 @@ def compare_recordings(
         paths: two or more recordings (MCAP) of one object, each one session.
         options: choices of the user; None for the defaults.
         progress: called with (text, done, total) before each strike and each estimate.
+        cache: cache of strikes read and estimates made before; None to compute all anew.
 
     Returns:
         Answers of the sessions by start time, the joint answer, and the tests of their centres of mass.
@@ -136,13 +143,16 @@ def compare_recordings(
     read: list[Evidence] = []
     for head in heads:
         mine = offset_progress(progress, done, total, f"{head.path.name}, ")
-        read.append(read_evidence(head, options.object_path, mine))
+        read.append(read_evidence(head, options.object_path, mine, reader=cached_strike_reader(cache)))
         done += len(head.strike_ids)
-    return compare_evidence(read, options, offset_progress(progress, done, total))
+    return compare_evidence(read, options, offset_progress(progress, done, total), cache)
 
 
 def compare_evidence(
-    read: Sequence[Evidence], options: EstimateOptions | None = None, progress: Progress | None = None
+    read: Sequence[Evidence],
+    options: EstimateOptions | None = None,
+    progress: Progress | None = None,
+    cache: ResultCache | None = None,
 ) -> SessionComparison:
     """Compare sessions of one object from their fitted motions; no files are read.
 
@@ -152,6 +162,7 @@ def compare_evidence(
         read: evidence (fitted motions) of two or more recordings, in any order.
         options: choices of the user; `exclude` holds merged strike ids (`2:s3.1`: s3.1 of the second).
         progress: called with (text, done, total) before each estimate.
+        cache: cache of estimates made before; None to compute all anew.
 
     Returns:
         Answers of the sessions by start time, the joint answer, and the tests of their centres of mass.
@@ -184,14 +195,15 @@ def compare_evidence(
         )
         own = frozenset(name.partition(":")[2] for name in options.exclude if name.startswith(f"{number}:"))
         try:
-            alone.append(answer_evidence(replace(each, plan=plan), replace(options, exclude=own)))
+            found = estimate_with_cache(cache, replace(each, plan=plan), replace(options, exclude=own))
+            alone.append(Answer.from_estimate(found))
         except EstimationError as error:
             raise EstimationError(
                 f"{head.path}: {error}: leave this recording out of the comparison"
             ) from None
     if progress is not None:
         progress("estimating all together", steps - 1, steps)
-    joint = estimate_evidence(evidence, options)
+    joint = estimate_with_cache(cache, evidence, options)
     numbers = [evidence.recorded_in[plane.strike_id] for plane in joint.planes]
     setups = _setups(evidence.recordings)
     sessions = tuple(

@@ -23,6 +23,7 @@ def estimate(
     files: Sequence[Path],
     object_file: Path | None,
     exclude: tuple[str, ...],
+    no_cache: bool,
     as_json: bool,
     voxels: Path | None,
 ) -> None:
@@ -31,7 +32,7 @@ def estimate(
     from analyze.report.voxel_map import write_voxels
 
     refuse_outputs([voxels], files)
-    answer = estimate_files(files, object_file, exclude)
+    answer = estimate_files(files, object_file, exclude, no_cache)
     if voxels is not None:
         write_voxels(answer.estimate.voxels, voxels)
         cells, directions = len(answer.estimate.voxels.points), answer.estimate.voxels.directions

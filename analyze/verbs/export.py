@@ -9,7 +9,7 @@ import click
 
 from analyze.errors import ExportError
 from analyze.export.formats import Format, why_misnamed
-from analyze.verbs.options import files_argument, one_line, path_option, with_estimate_options
+from analyze.verbs.options import chosen_cache, files_argument, one_line, path_option, with_estimate_options
 from analyze.verbs.outputs import refuse_outputs
 
 
@@ -37,6 +37,7 @@ def export(
     measured_only: bool,
     object_file: Path | None,
     exclude: tuple[str, ...],
+    no_cache: bool,
 ) -> None:
     """Write the body for a simulator: shape, mass, centre of mass and inertia.
 
@@ -44,6 +45,8 @@ def export(
 
     FILE: recordings of one object, or the output of `analyze estimate --json` together with --object.
     """
+    # The code's version is read before the code is loaded.
+    cache = chosen_cache(no_cache)
     from analyze.export.body import ExportBody, inertial_of
     from analyze.export.export_source import is_result, read_export_input
     from analyze.export.measured_only import refuse_prior
@@ -60,7 +63,7 @@ def export(
         raise ExportError(reason)
     refuse_without_reader(kind)
     with ProgressBar() as progress:
-        source = read_export_input(files, object_file, frozenset(exclude), progress)
+        source = read_export_input(files, object_file, frozenset(exclude), progress, cache)
     name = ", ".join(map(str, files))
     if measured_only:
         refuse_prior(source.result, source.spec, source.model, name)

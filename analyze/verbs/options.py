@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial, reduce, wraps
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from analyze.errors import AnalyzeError
 from schemas.command_line import one_line_errors
+
+if TYPE_CHECKING:
+    from analyze.cache.results import ResultCache
 
 Options = TypeVar("Options")
 Command = Callable[..., Any]
@@ -41,7 +44,7 @@ def with_options(*options: Callable[[Command], Command]) -> Callable[[Command], 
     return decorate
 
 
-with_estimate_options = with_options(
+with_strike_options = with_options(
     path_option("--object", "object_file", help="Use this object file instead of the one in the recording."),
     click.option(
         "--exclude",
@@ -51,6 +54,25 @@ with_estimate_options = with_options(
     ),
 )
 """decorator that adds --object and --exclude to a verb's click command"""
+with_estimate_options = with_options(
+    with_strike_options,
+    click.option(
+        "--no-cache", is_flag=True, help="Compute all anew; neither use nor keep results of other commands."
+    ),
+)
+"""decorator that adds --object, --exclude and --no-cache to a verb's click command"""
+
+
+def chosen_cache(no_cache: bool) -> ResultCache | None:
+    """Cache of the user's folder, which reports damaged entries on standard error.
+
+    None with `no_cache`, the value of --no-cache, or if the user switched the cache off.
+    """
+    if no_cache:
+        return None
+    from analyze.cache.results import user_cache
+
+    return user_cache(lambda text: click.echo(f"analyze: {text}", err=True))
 
 
 def pass_options(kind: type[Options]) -> Callable[[Callable[[Options], None]], Callable[..., None]]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from analyze.verbs.options import one_line, pass_options, path_option, with_estimate_options
+from analyze.verbs.options import chosen_cache, one_line, pass_options, path_option, with_estimate_options
 from analyze.verbs.outputs import refuse_outputs
 from schemas.command_line import PROBLEM
 
@@ -31,6 +31,8 @@ class _ReplayArguments:
     """object file to use instead of the recording's; None for the recording's"""
     exclude: tuple[str, ...]
     """ids of strikes to leave out of the estimate"""
+    no_cache: bool
+    """True to use and keep no results of earlier commands"""
     save: Path | None
     """file for rerun to write (.rrd); None to write none"""
     screenshot: Path | None
@@ -181,6 +183,12 @@ def _replay(recording: RecordingFile, target: ToFile | ToViewer, arguments: _Rep
     from analyze.replay.sender import ReplayOptions
 
     choice = ImageChoice(arguments.every_frame, arguments.lossless)
-    options = ReplayOptions(arguments.object_file, frozenset(arguments.exclude), choice, arguments.page)
+    options = ReplayOptions(
+        arguments.object_file,
+        frozenset(arguments.exclude),
+        choice,
+        arguments.page,
+        chosen_cache(arguments.no_cache),
+    )
     with ProgressBar() as progress:
         return replay_recording(recording, target, options, progress)

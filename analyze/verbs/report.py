@@ -42,6 +42,7 @@ def report(
     files: Sequence[Path],
     object_file: Path | None,
     exclude: tuple[str, ...],
+    no_cache: bool,
     output: Path | None,
     compare: bool,
     as_json: bool,
@@ -57,7 +58,8 @@ def report(
     refuse_outputs([output], files)
     if csv_folder is not None:
         make_folder(csv_folder)
-    page = _comparison(files, object_file, exclude) if compare else _answer(files, object_file, exclude)
+    make = _comparison if compare else _answer
+    page = make(files, object_file, exclude, no_cache)
     if output is not None:
         page.write(output)
         click.echo(f"report: {output}", err=as_json)
@@ -102,7 +104,9 @@ class _Page:
     """content of the page as JSON text"""
 
 
-def _answer(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...]) -> _Page:
+def _answer(
+    files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...], no_cache: bool
+) -> _Page:
     """Report on the estimate from all recordings together, as functions that write it in one format each.
 
     The formats are an HTML page, CSV tables and JSON. If all recordings are virtual, the HTML and JSON
@@ -113,7 +117,7 @@ def _answer(files: Sequence[Path], object_file: Path | None, exclude: tuple[str,
     from analyze.report.report_tables import report_tables
     from analyze.result.score import score_if_virtual
 
-    answer = estimate_files(files, object_file, exclude)
+    answer = estimate_files(files, object_file, exclude, no_cache)
     score = score_if_virtual(files, answer)
     return _Page(
         lambda output: write_report(answer, output, score),
@@ -122,14 +126,16 @@ def _answer(files: Sequence[Path], object_file: Path | None, exclude: tuple[str,
     )
 
 
-def _comparison(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...]) -> _Page:
+def _comparison(
+    files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...], no_cache: bool
+) -> _Page:
     """Functions that make the report on how well sessions of one object agree (HTML, tables, JSON).
 
     Each file is one session.
     """
     from analyze.report.comparison_page import comparison_json, comparison_tables, write_comparison
 
-    found = compare_files(files, object_file, exclude)
+    found = compare_files(files, object_file, exclude, no_cache)
     return _Page(
         lambda output: write_comparison(found, output),
         lambda: comparison_tables(found),

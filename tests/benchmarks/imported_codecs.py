@@ -27,7 +27,8 @@ from analyze.errors import ImportRefused
 from analyze.importing.options import ImportOptions
 from analyze.importing.prepare import prepare
 from analyze.importing.write_recording import write_recording
-from analyze.pipeline.estimate import Estimate, estimate_recordings
+from analyze.pipeline.estimate import Estimate
+from analyze.pipeline.estimate_recordings import estimate_recordings
 from analyze.reading.recording import open_recording
 from analyze.reading.truth import read_truth
 from analyze.sources.open_source import SourceOptions

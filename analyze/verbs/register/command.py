@@ -14,7 +14,7 @@ from analyze.verbs.options import (
     one_line,
     pass_options,
     path_option,
-    with_estimate_options,
+    with_strike_options,
 )
 from analyze.verbs.outputs import refuse_outputs
 
@@ -45,7 +45,7 @@ class _RegisterArguments:
 
 @click.command()
 @files_argument
-@with_estimate_options
+@with_strike_options
 @path_option("-o", "--output", help="The object file to write, with the estimated marker poses (TOML).")
 @force_option
 @click.option(

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import analyze
-from analyze.pipeline.estimate import estimate_recordings
+from analyze.pipeline.estimate_recordings import estimate_recordings
 from tests.places import ROOT, SAMPLE
 
 

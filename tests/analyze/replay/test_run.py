@@ -118,7 +118,7 @@ def sample(read, tmp_path_factory):
         return read[record.strike_id]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("analyze.pipeline.read_evidence.read_strike", remembering)
+        patch.setattr("analyze.pipeline.cached.read_strike", remembering)
         return replay(FIRST_SAMPLE, tmp_path_factory.mktemp("replay") / "sample.rrd")
 
 
@@ -130,7 +130,7 @@ def read_before(sample, read, monkeypatch):
         assert list(source.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns))
         return read[record.strike_id]
 
-    monkeypatch.setattr("analyze.pipeline.read_evidence.read_strike", known)
+    monkeypatch.setattr("analyze.pipeline.cached.read_strike", known)
 
 
 def test_every_strike_has_images_curves_phases_and_pose(sample):

@@ -1,0 +1,57 @@
+"""Version of the code that computes results: a hash of its source files and numerical libraries."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+_ROOT = Path(__file__).resolve().parent.parent.parent
+_PACKAGES = ("analyze", "schemas")
+WITHOUT_EFFECT = (
+    "analyze/batch",
+    "analyze/cards",
+    "analyze/verbs",
+    "analyze/replay",
+    "analyze/reproduce",
+    "analyze/report/templates",
+)
+"""folders of modules that request or show results, without effect on them"""
+EXCEPTIONS = ("analyze/batch/analysis.py", "analyze/batch/sparse_copy.py", "analyze/batch/result_rows.py")
+"""modules in the folders `WITHOUT_EFFECT` that nevertheless affect the results"""
+LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "trimesh", "av", "laspy", "manifold3d")
+"""libraries that compute results, or decode the images and shapes that these come from"""
+
+
+@cache
+def analysis_version() -> str:
+    """Hash (16 hexadecimal digits) of the code and library versions that compute the results.
+
+    Computed once per process, by `hash_of_code`.
+    """
+    return hash_of_code()
+
+
+def hash_of_code() -> str:
+    """Hash (16 hexadecimal digits) of source files and library versions as they are installed at present.
+
+    Modules without effect on the results (commands, cards, replays) are left out.
+    """
+    digest = hashlib.sha256()
+    for package in _PACKAGES:
+        for path in sorted((_ROOT / package).rglob("*.py")):
+            name = path.relative_to(_ROOT).as_posix()
+            if name in EXCEPTIONS or not name.startswith(WITHOUT_EFFECT):
+                digest.update(f"{name}\n".encode() + path.read_bytes())
+    for library in LIBRARIES:
+        digest.update(f"{library} {_version_of(library)}\n".encode())
+    return digest.hexdigest()[:16]
+
+
+def _version_of(library: str) -> str:
+    """Version of an installed library; "" if it is not installed under this name."""
+    try:
+        return version(library)
+    except PackageNotFoundError:
+        return ""

@@ -1,0 +1,163 @@
+"""Strikes and estimates from the cache, where the same strikes were read or estimated before.
+
+A strike is identified by the recording's content and files, the object, its shape, the plan and the markers;
+an estimate by its evidence and options. Neither depends on the name or the folder of the recording.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+from analyze.errors import TrackingError
+from analyze.pipeline.estimate import Estimate, EstimateOptions, estimate_evidence
+from analyze.pipeline.evidence import Evidence, StrikeReading
+from analyze.pipeline.read_evidence import read_strike
+from analyze.reading.recording import Recording
+from analyze.tracking.track import TrackingReport
+from analyze.types import TipMotion
+from schemas.object_spec import ObjectSpec
+from schemas.strike_plan import StrikePlan
+from schemas.wording import counted
+
+if TYPE_CHECKING:
+    from analyze.cache.results import ResultCache
+    from analyze.pipeline.evidence import RecordingHead, StrikeReader, StrikeSource, StruckObject
+    from analyze.types import Marker
+    from schemas.proto import percuss_pb2 as pb
+
+
+@dataclass(frozen=True)
+class KeptReading:
+    """Reading of one strike without the recording's entry of it."""
+
+    motion: TipMotion
+    """motion and fits"""
+    report: TrackingReport | None
+    """markers as tracked; None if none could be"""
+    problem: str | None
+    """reason why no marker could be tracked; None otherwise"""
+    frames_lost: int
+    """frames lost within the strike's window"""
+
+
+@dataclass(frozen=True)
+class KeptEstimate:
+    """Estimate without evidence and options, and what the estimate changed in the evidence."""
+
+    estimate: Estimate
+    """the estimate"""
+    spec: ObjectSpec
+    """object file in the estimate's evidence"""
+    plan: StrikePlan
+    """strike plan in the estimate's evidence"""
+
+
+def cached_strike_reader(cache: ResultCache | None) -> StrikeReader:
+    """Function that reads a strike as `read_strike` does, from the cache where it is kept.
+
+    Only strikes of finished and sealed recordings are kept.
+
+    Args:
+        cache: cache of results; None to read every strike from its images.
+    """
+    return read_strike if cache is None else partial(_read_strike, cache)
+
+
+def estimate_with_cache(
+    cache: ResultCache | None, evidence: Evidence, options: EstimateOptions | None = None
+) -> Estimate:
+    """Estimate as `estimate_evidence` does, from the cache where it is kept.
+
+    Args:
+        cache: cache of results; None to compute every estimate.
+        evidence: fitted motions of all strikes, with object, shape and plan.
+        options: choices of the user; None for the defaults.
+
+    Raises:
+        EstimationError: fewer than three strikes can be used, or parts or filling cannot be estimated.
+        ShapeError: a label of the object file names a part that the shape does not have.
+    """
+    options = options or EstimateOptions()
+    if cache is None:
+        return estimate_evidence(evidence, options)
+
+    def compute() -> KeptEstimate:
+        estimate = estimate_evidence(evidence, options)
+        return KeptEstimate(estimate, estimate.evidence.spec, estimate.evidence.plan)
+
+    kept = cache.get(
+        KeptEstimate,
+        _inputs_of_estimate(evidence, options),
+        f"estimate of {evidence.spec.name} from {counted(len(evidence.motions), 'strike')}",
+        compute,
+        {Evidence: evidence, EstimateOptions: options},
+    )
+    return replace(kept.estimate, evidence=replace(evidence, spec=kept.spec, plan=kept.plan))
+
+
+def _read_strike(
+    cache: ResultCache,
+    recording: StrikeSource,
+    struck: StruckObject,
+    markers: list[Marker],
+    record: pb.StrikeRecord,
+) -> StrikeReading:
+    if not isinstance(recording, Recording) or recording.content_id is None or recording.damaged_chunks:
+        return read_strike(recording, struck, markers, record)
+    try:
+        inputs = _inputs_of_reading(recording, struck, markers, record)
+    except OSError:  # a file was renamed or removed meanwhile; it is still open
+        return read_strike(recording, struck, markers, record)
+
+    def compute() -> KeptReading:
+        reading = read_strike(recording, struck, markers, record)
+        problem = None if reading.problem is None else str(reading.problem)
+        return KeptReading(reading.motion, reading.report, problem, reading.frames_lost)
+
+    kept = cache.get(KeptReading, inputs, f"strike {record.strike_id} of {recording.path.name}", compute)
+    problem = None if kept.problem is None else TrackingError(kept.problem)
+    return StrikeReading(record, kept.motion, kept.report, problem, kept.frames_lost)
+
+
+def _inputs_of_reading(
+    recording: Recording, struck: StruckObject, markers: list[Marker], record: pb.StrikeRecord
+) -> tuple[object, ...]:
+    """All that a strike's reading depends on.
+
+    The images are identified by the files' sealed hashes. Size and time of change of the files show whether
+    one was damaged since it was sealed.
+
+    Raises:
+        OSError: a file does not exist any more.
+    """
+    states = [part.path.stat() for part in recording.parts]
+    return (
+        [part.content_id for part in recording.parts],
+        [(state.st_size, state.st_mtime_ns) for state in states],
+        list(recording.missing_parts),
+        recording.manifest,
+        struck.spec,
+        struck.sha256,
+        struck.plan,
+        markers,
+        record.SerializeToString(deterministic=True).hex(),
+    )
+
+
+def _inputs_of_estimate(evidence: Evidence, options: EstimateOptions) -> tuple[object, ...]:
+    """All that an estimate depends on: the evidence without names of files and program, and the options.
+
+    An object file that replaces the recording's is part of the evidence.
+    """
+    return (
+        [_fields_of(head, "path", "files") for head in evidence.recordings],
+        _fields_of(evidence, "recordings", "software"),
+        _fields_of(options, "object_path"),
+    )
+
+
+def _fields_of(value: Evidence | EstimateOptions | RecordingHead, *without: str) -> dict[str, object]:
+    """Fields of a dataclass by name, except those named in `without`."""
+    return {field.name: getattr(value, field.name) for field in fields(value) if field.name not in without}
