@@ -54,8 +54,10 @@ RIG = next(body for body in snippets(DOCS / "how-to" / "rig.md", "toml") if "[ca
 SHELL = """\
 set -euo pipefail
 analyze() {
-  if [ "${1-}" = replay ] && ! [[ "$*" =~ --(save|screenshot|animation) ]]; then command analyze "$@" --save "$(mktemp -u).rrd"
-  else command analyze "$@"; fi
+  if [ "${1-}" = replay ] && ! [[ "$*" =~ --(save|screenshot|animation) ]]; then
+    set -- "$@" --save "$(mktemp -u).rrd"
+  fi
+  command analyze "$@"
 }
 """
 
