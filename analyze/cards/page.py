@@ -12,6 +12,7 @@ from markupsafe import Markup
 
 from analyze.cards import placing
 from analyze.cards.body import PlacedObject
+from analyze.cards.by_hand import force_margin, force_words, in_hand_words, picture_in_hand_words
 from analyze.cards.drawn_shape import drawn_shape
 from analyze.cards.measures import plan_picture, side_picture
 from analyze.cards.placing import Sides
@@ -52,6 +53,8 @@ class Card:
     """Dimensioned picture as seen by the camera, or from opposite it for a turned strike."""
     above: Markup
     """Dimensioned picture as seen from above."""
+    by_hand: bool
+    """True for a hand and a phone in place of striker and camera: pictures and sentences name these."""
 
     @property
     def turned(self) -> bool:
@@ -74,7 +77,7 @@ class Card:
         facing = f"{_capitalised(camera)} faces the camera, {self.sides.under} is underneath"
         if self.sides.top.startswith("tag"):
             facing += f", {self.sides.top} on top"
-        return f"{facing}."
+        return self._worded(f"{facing}.")
 
     @property
     def set_striker(self) -> str:
@@ -84,13 +87,26 @@ class Card:
         0 of the pivot line in the world frame) is stated if it is more than `MIN_OFFSET_M`.
         """
         height = 1000 * self.strike.impact_height_m
-        words = f"Set the striker's tip {height:.0f} mm above the table, just touching the object"
+        words = (
+            f"Flick it {height:.0f} mm above the table"
+            if self.by_hand
+            else f"Set the striker's tip {height:.0f} mm above the table, just touching the object"
+        )
         if self.sides.striker.startswith("tag"):
             words += f" on the side of {self.sides.striker}"
         beside = float(self.place.hit[1])
         if abs(beside) > MIN_OFFSET_M:
             words += f", {1000 * abs(beside):.0f} mm from the mark {self._along(near=beside < 0)}"
-        return f"{words}."
+        return self._worded(f"{words}{self._hand_off if self.by_hand else ''}.")
+
+    @property
+    def _hand_off(self) -> str:
+        """End of the sentence for a hand: where it goes, and that it must not follow the object."""
+        return ", straight towards the line, and take the finger back at once: do not push"
+
+    def _worded(self, sentence: str) -> str:
+        """Sentence in the words for a hand and a phone if the card is for these, else unchanged."""
+        return in_hand_words(sentence) if self.by_hand else sentence
 
     @property
     def on_line(self) -> str:
@@ -104,14 +120,31 @@ class Card:
         if self.place.edge is None:
             name = "rim" if self.place.rolls else "edge"
             touches = f"The {name} touches the line at the mark, on the striker's side"
-            return f"{touches}; the object's front is {front}."
-        return (
+            return self._worded(f"{touches}; the object's front is {front}.")
+        return self._worded(
             f"The edge under {self.sides.away} lies on the line, the object on the striker's side; "
             f"the edge begins {front}."
         )
 
+    @property
+    def how_hard(self) -> tuple[str, str, str]:
+        """How hard to strike by hand: in a word, as a familiar motion, and what shows that it was right."""
+        return *force_words(self.strike), force_margin(self.strike)
 
-def write_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec, output: Path) -> None:
+    @property
+    def phone_distance_m(self) -> float:
+        """Distance [m] of the phone's lens from the mark, the point y = 0 of the pivot line, along it."""
+        return abs(float(self.place.camera[1]))
+
+    @property
+    def phone_height_m(self) -> float:
+        """Height [m] of the phone's lens above the table."""
+        return float(self.place.camera[2])
+
+
+def write_cards(
+    plan: StrikePlan, model: ObjectModel, spec: ObjectSpec, output: Path, by_hand: bool = False
+) -> None:
     """Write the placement cards of a plan as an HTML file; it appears complete or not at all.
 
     Args:
@@ -119,25 +152,28 @@ def write_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec, output: 
         model: Shape of the object.
         spec: Object file, with the tags.
         output: Path of the HTML file, which is replaced if it exists.
+        by_hand: True for strikes by hand that a phone films.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    write_text(output, render_cards(plan, model, spec))
+    write_text(output, render_cards(plan, model, spec, by_hand))
 
 
-def render_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> str:
+def render_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec, by_hand: bool = False) -> str:
     """HTML page, as text, with the placement cards of a plan.
 
     Args:
         plan: Plan of the strikes.
         model: Shape of the object.
         spec: Object file, with the tags.
+        by_hand: True for strikes by hand that a phone films.
     """
     return _template().render(
         plan=plan,
         spec=spec,
-        cards=placement_cards(plan, model, spec),
+        cards=placement_cards(plan, model, spec, by_hand),
+        by_hand=by_hand,
         degrees=np.degrees,
         where_it_falls=IF_IT_FALLS,
     )
@@ -152,7 +188,9 @@ def _template() -> Template:
     return environment.get_template("cards.html")
 
 
-def placement_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> list[Card]:
+def placement_cards(
+    plan: StrikePlan, model: ObjectModel, spec: ObjectSpec, by_hand: bool = False
+) -> list[Card]:
     """Placement cards in the order of the plan's strikes, one for each.
 
     Pictures of strikes with equal placement and impact are drawn once.
@@ -161,6 +199,7 @@ def placement_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> l
         plan: Plan of the strikes.
         model: Shape of the object.
         spec: Object file, with the tags.
+        by_hand: True for strikes by hand that a phone films.
     """
     shape = drawn_shape(model)
     drawn: dict[str, tuple[Setting, Markup, Markup, Markup]] = {}
@@ -184,7 +223,10 @@ def placement_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> l
             )
             # The SVG is generated here, with its texts escaped.
             draw = (scene_picture, side_picture, plan_picture)
-            scene, side, above = (Markup(each(place)) for each in draw)  # noqa: S704
+            drawings = [each(place) for each in draw]
+            if by_hand:
+                drawings = [picture_in_hand_words(each) for each in drawings]
+            scene, side, above = (Markup(each) for each in drawings)  # noqa: S704
             drawn[key] = (place, scene, side, above)
         place, scene, side, above = drawn[key]
         before = found[-1] if found else None
@@ -193,6 +235,7 @@ def placement_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> l
             sides_changed = placing.CHANGE_SIDES
             change = f"{change}; then {sides_changed}" if change else _capitalised(sides_changed)
         repeated = before is not None and not change
+        change = in_hand_words(change) if by_hand else change
         found.append(
             Card(
                 number,
@@ -204,6 +247,7 @@ def placement_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> l
                 scene,
                 side,
                 above,
+                by_hand=by_hand,
             )
         )
     return found

@@ -30,6 +30,8 @@ class _PlanArguments:
     """file to write with the cards as scenes for the viewer rerun (.rrd); None to write none"""
     rig: Path | None
     """rig file; None for the rig of a given recording, else a nominal rig"""
+    camera: Path | None
+    """camera file of a phone, for strikes by hand; None for a rig"""
     strikes: int
     """number of strikes; with `given`, of additional strikes"""
     axes: int | None
@@ -50,6 +52,11 @@ class _PlanArguments:
 @click.argument("object_file", metavar="OBJECT", type=click.Path(path_type=Path))
 @path_option("-o", "--output", help="The plan to write (JSON).")
 @path_option("--rig", help="Rig file with camera, striker, friction and gravity.  [default: a nominal rig]")
+@path_option(
+    "--camera",
+    help="Strikes by hand, filmed through the lens in this camera file: the cards state where this phone "
+    "stands and, in words, how hard to flick.",
+)
 @click.option(
     "--strikes",
     default=9,
@@ -119,6 +126,7 @@ def plan(arguments: _PlanArguments) -> None:
         PlanMethod(arguments.method),
         arguments.gravity,
         arguments.axes,
+        arguments.camera,
     )
     with ProgressBar() as progress:
         planned = plan_object(arguments.object_file, options, progress)
@@ -127,7 +135,7 @@ def plan(arguments: _PlanArguments) -> None:
     if arguments.as_json:
         click.echo(planned.plan.model_dump_json())
     else:
-        render_plan(planned.plan)
+        render_plan(planned.plan, by_hand=arguments.camera is not None)
     if page is not None:
         click.echo(
             f"cards: {page}: a page per strike, to print (--no-cards leaves them out)", err=arguments.as_json
@@ -143,7 +151,8 @@ def _refuse_early(arguments: _PlanArguments) -> None:
     """Check the options before the computation.
 
     Raises:
-        click.UsageError: options that `--method paper` does not have are given with it.
+        click.UsageError: options that `--method paper` does not have are given with it, or both --rig and
+            --camera.
         OutputError: a file cannot be written, or would replace an input.
     """
     only_ours = (
@@ -157,7 +166,9 @@ def _refuse_early(arguments: _PlanArguments) -> None:
             "the paper's method has no --axes, --target-com-mm, --given or --gravity: leave them out, or use "
             "--method ours"
         )
-    inputs = [arguments.object_file, arguments.rig, *arguments.given]
+    if arguments.rig is not None and arguments.camera is not None:
+        raise click.UsageError("--rig is for a striker, --camera for strikes by hand: give one of them")
+    inputs = [arguments.object_file, arguments.rig, arguments.camera, *arguments.given]
     refuse_outputs([arguments.output, arguments.scenes], inputs=inputs)
 
 
@@ -176,7 +187,8 @@ def _write(planned: PlannedObject, arguments: _PlanArguments) -> Path | None:
             from analyze.cards.page import write_cards
 
             page = output.with_name(f"{output.stem}-cards.html")
-            write_cards(planned.plan, planned.model, planned.spec, page)
+            by_hand = arguments.camera is not None
+            write_cards(planned.plan, planned.model, planned.spec, page, by_hand)
     if arguments.scenes is not None:
         from analyze.replay.cards import write_card_scenes
 

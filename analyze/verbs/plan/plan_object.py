@@ -22,6 +22,7 @@ from analyze.planning.striker_update import updated_striker
 from analyze.progress import Progress, no_progress
 from analyze.reading.object_file import ObjectFiles, read_object_files
 from analyze.types import CameraModel
+from analyze.verbs.plan.phone import phone_bench
 from analyze.verbs.plan.rig import PlannedRig, planned_rig, rig_from_text
 from schemas.object_spec import ObjectSpec
 from schemas.output_file import write_text
@@ -59,6 +60,8 @@ class PlanOptions:
     """True to add a strike, turned by 180 degrees, which determines the table's tilt"""
     most_axes: int | None = None
     """largest number of different axes (pivot edges); None for no limit"""
+    camera_path: Path | None = None
+    """camera file of a phone, for strikes by hand; None for a rig"""
 
 
 @dataclass(frozen=True)
@@ -90,7 +93,7 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = no
     Raises:
         ShapeError: the object file or its shape cannot be used.
         RecordingError, MergeError, TrackingError, EstimationError: the recordings given cannot be used.
-        DocumentError: a result given has an entry that cannot be used.
+        DocumentError, CalibrationError: a result or the camera file given cannot be used.
         PlanError: the rig file or a result cannot be used, a marker is not on the object's surface, or no set
             of strikes determines the centre of mass. In the last case its notes (`__notes__`) are the
             warnings about the shape.
@@ -102,13 +105,15 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = no
     model = load_object_model(files.spec, files.shape_bytes, files.shape_name)
     view.refuse_off_surface(model, files.spec)
     given, bench = None, rig.bench
+    if options.camera_path is not None:
+        bench = phone_bench(options.camera_path, model, bench)
     if options.given:
         from analyze.result.given_results import read_given
 
         progress("reading the results so far", 2, STEPS)
         so_far = read_given(options.given, files.sha256, files.spec.mass_kg, rig.config)
         given = so_far.given
-        if so_far.touches:
+        if so_far.touches and options.camera_path is None:
             bench = replace(bench, striker=updated_striker(bench.striker, so_far.touches))
             notes.append(_note_on_striker(bench.striker, len(so_far.touches)))
     try:

@@ -8,6 +8,7 @@ from itertools import groupby
 import numpy as np
 from rich.table import Table
 
+from analyze.cards.by_hand import force_words
 from analyze.planning.rejections import rejection_summary
 from analyze.types import TENSOR_ENTRIES, tensor_entry_name
 from schemas.strike_plan import PlanMethod, PlannedStrike, Prediction, StrikePlan
@@ -17,15 +18,16 @@ from schemas.wording import counted
 NOT_DETERMINED = "not determined"
 
 
-def render_plan(plan: StrikePlan, console: Terminal | None = None) -> None:
+def render_plan(plan: StrikePlan, console: Terminal | None = None, by_hand: bool = False) -> None:
     """Print a strike plan: table of strikes, expected accuracy, advice, warnings, and axes left out.
 
     Args:
         plan: the plan.
         console: where to print; None for standard output.
+        by_hand: True for strikes by hand: how hard, in a word, in place of the tip speed.
     """
     console = console or Terminal()
-    console.print(_strike_table(plan))
+    console.print(_strike_table(plan, by_hand))
     if plan.prediction is not None:
         console.print(_prediction_table(plan, plan.prediction))
         console.print(f"advice: {plan.prediction.advice}")
@@ -45,7 +47,7 @@ def render_plan(plan: StrikePlan, console: Terminal | None = None) -> None:
         )
 
 
-def _strike_table(plan: StrikePlan) -> Table:
+def _strike_table(plan: StrikePlan, by_hand: bool) -> Table:
     how = ", by the paper's method" if plan.method is PlanMethod.PAPER else ""
     table = Table(
         title=f"{plan.object_name}: {counted(len(plan.strikes), 'strike')}{how}",
@@ -55,7 +57,8 @@ def _strike_table(plan: StrikePlan) -> Table:
     )
     table.add_column("strikes", no_wrap=True)
     table.add_column("axis", no_wrap=True)
-    for heading in ("tips at", "strike at", "speed", "E", "µ needed", "tag", "φ ±", "I_edge ±"):
+    force = "how hard" if by_hand else "speed"
+    for heading in ("tips at", "strike at", force, "E", "µ needed", "tag", "φ ±", "I_edge ±"):
         table.add_column(heading, justify="right", no_wrap=True)
     for _, group in groupby(plan.strikes, key=lambda strike: (strike.axis_id, strike.heading_rad)):
         same = list(group)
@@ -66,7 +69,7 @@ def _strike_table(plan: StrikePlan) -> Table:
             first.axis_id + (f" at {np.degrees(first.heading_rad):.0f}°" if first.heading_rad else ""),
             f"{np.degrees(first.phi_predicted_rad):.0f}±{np.degrees(first.phi_predicted_sd_rad):.0f}°",
             f"{1000 * first.impact_height_m:.0f} mm",
-            f"{first.tip_speed_m_s.target:.2f} m/s",
+            force_words(first)[0] if by_hand else f"{first.tip_speed_m_s.target:.2f} m/s",
             f"{first.energy_ratio:.2f}",
             f"{first.friction_needed:.2f}",
             ", ".join(map(str, first.visible_markers)) or "–",

@@ -9,6 +9,7 @@ import pytest
 import trimesh
 from click.testing import CliRunner
 
+from analyze.cards.by_hand import force_words
 from analyze.cards.drawn_shape import MAX_FACES, drawn_shape, simplify_mesh
 from analyze.cards.page import placement_cards, render_cards
 from analyze.cards.view import from_above, from_the_camera, from_the_front_right
@@ -230,3 +231,28 @@ def test_plan_by_the_papers_rule_has_cards(tmp_path):
     )
     assert out.exit_code == 0
     assert "not predicted by this method" in (tmp_path / "p-cards.html").read_text(encoding="utf-8")
+
+
+def test_cards_for_a_hand_and_a_phone_have_no_speeds_and_no_striker():
+    plan, model, spec = planned("carton")
+    html = render_cards(plan, model, spec, by_hand=True)
+    parser = Balanced()
+    parser.feed(html)
+    assert parser.open == []
+    shown = re.sub(r"<style>.*?</style>|<[^>]+>", " ", html, flags=re.DOTALL)
+    assert not re.search(r"m/s|striker|camera", shown)
+    card = placement_cards(plan, model, spec, by_hand=True)[0]
+    assert card.set_striker.startswith(
+        f"Flick it {1000 * plan.strikes[0].impact_height_m:.0f} mm above the table"
+    )
+    distance = -100 * plan.strikes[0].camera_pose[1][3]
+    assert f"{distance:.0f} <small>cm from the mark" in html
+
+
+@pytest.mark.parametrize(
+    ("impulse", "word"), [(0.001, "very gently"), (0.02, "gently"), (0.3, "hard"), (9.0, "very hard")]
+)
+def test_force_is_said_in_words(impulse, word):
+    strike = planned("carton")[0].strikes[0]
+    aimed = strike.impulse_n_s.model_copy(update={"target": impulse})
+    assert force_words(strike.model_copy(update={"impulse_n_s": aimed}))[0] == word
