@@ -20,8 +20,9 @@ from analyze.importing.matching import TipInView, match_strikes, matched_ids, re
 from analyze.importing.onsets import Onset, OnsetFinder
 from analyze.importing.options import ImportOptions
 from analyze.importing.prepared_import import Assignment, PreparedImport, storable_videos
+from analyze.importing.seen_tips import see_tips
 from analyze.importing.spool import Spool
-from analyze.importing.tip_view import TipView, tip_view
+from analyze.importing.tip_view import TipView
 from analyze.importing.windows import (
     SKIPPED,
     Clip,
@@ -40,19 +41,12 @@ from analyze.sources.open_source import open_source
 from analyze.sources.source import Frames, FrameSource
 from analyze.sources.video import VideoSource
 from analyze.tracking.camera_model import camera_from_spec
-from analyze.types import ImageFrame
 from schemas.document import read_text
 from schemas.output_file import OutputError
 from schemas.strike_plan import StrikePlan, parse_strike_plan
 
 PROGRESS_EVERY_FRAMES = 50
 """frames between two updates of the progress bar"""
-MOTION_AFTER_ONSET_NS = 600_000_000
-"""time after the onset of which images are used to recognise a strike [ns]: the motion shows the edge, and
-resolves a tag's pose ambiguity"""
-MOTION_FRAMES = 144
-"""least number of images after the onset that are used, so that undeclared slow motion shows enough of the
-motion"""
 
 
 def prepare(options: ImportOptions, progress: Progress = no_progress) -> PreparedImport:
@@ -106,7 +100,8 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
                 for each in zip(options.sources, sources, spools, strict=True)
             )
         tips = found_tips(clips, splits)
-        views = _tip_views(files, camera, images, clips, tips, progress)
+        seen = see_tips(placed_markers(files.spec), camera, images, clips, tips, progress)
+        views = seen.views
         ids, assignment = _assigned_ids(options, plan, files, camera, clips, tips, views, splits)
         windows = strike_windows(clips, tips, ids)
         if not windows:
@@ -131,6 +126,7 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
             windows,
             splits,
             assignment,
+            seen.remarks,
             sources[0].rate_hz,
             calibration,
             place,
@@ -244,50 +240,6 @@ def _search(
     if isinstance(source, VideoSource):
         source.check_constant_rate(np.array(times, np.int64))
     return Clip(path, tuple(onsets), times[-1] if times else None, frame_ns, finder.ever_rested)
-
-
-def _tip_views(
-    files: ObjectFiles,
-    camera: CameraFile,
-    images: Sequence[Frames],
-    clips: Sequence[Clip],
-    tips: Sequence[FoundTip],
-    progress: Progress,
-) -> list[TipView | None]:
-    """Pose of the object at rest in the camera's frame and its turning line, for each tip.
-
-    Args:
-        files: the object, with its markers.
-        camera: lens of the camera.
-        images: images of each source.
-        clips: the sources.
-        tips: the tips; those without an onset (first motion) have no view.
-        progress: called with a text, the number of finished tips and of all.
-
-    Returns:
-        For each tip its view; None if no marker of known pose on the object is at rest in view.
-
-    Raises:
-        TrackingError: the images show another object, or one of its markers twice.
-    """
-    lens, markers = camera_from_spec(camera.calibration), placed_markers(files.spec)
-    if all(marker.T_object_marker is None for marker in markers):
-        return [None for _ in tips]
-    views: list[TipView | None] = []
-    for number, tip in enumerate(tips):
-        progress("recognising the strikes", number, len(tips))
-        if tip.onset is None:
-            views.append(None)
-            continue
-        frame_ns = clips[tip.clip].frame_ns
-        start_ns, end_ns = window_around(tip.onset, frame_ns)
-        until_ns = tip.onset.time_ns + max(MOTION_AFTER_ONSET_NS, round(MOTION_FRAMES * frame_ns))
-        frames = (
-            ImageFrame(frame.time_ns, number, frame.image)
-            for number, frame in enumerate(images[tip.clip].frames(start_ns, min(until_ns, end_ns)))
-        )
-        views.append(tip_view(frames, tip.onset.time_ns, lens, markers))
-    return views
 
 
 def _assigned_ids(

@@ -64,6 +64,8 @@ class PreparedImport:
     """True if the only source was searched for several strikes"""
     assignment: Assignment
     """how the sources were assigned to the planned strikes"""
+    camera_remarks: tuple[str, ...]
+    """remarks on a camera that moved during strikes, or between them"""
     rate_hz: float
     """frame rate of the first source as captured [Hz]"""
     calibration: CameraCalibrationSpec
@@ -96,7 +98,13 @@ class PreparedImport:
     def remarks(self) -> list[str]:
         """Remarks for the user on lens, frame rates and sources; complete once all sources were read."""
         lens = [f"the lens is that of {self.camera.path}"] if self.camera.of_topic else []
-        return [*lens, *self._other_rates(), *self._slow_motion(), *_merged_remarks(self.sources)]
+        return [
+            *lens,
+            *self.camera_remarks,
+            *self._other_rates(),
+            *self._slow_motion(),
+            *_merged_remarks(self.sources),
+        ]
 
     def _slow_motion(self) -> Iterator[str]:
         """Yield a remark if all sources are videos and the first one's rate is low, as of slow motion.

@@ -1,0 +1,130 @@
+"""Views of the tips in an import's clips: tag and turning line of each; whether the camera stood still."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+
+from analyze.cameras.camera_file import CameraFile
+from analyze.errors import TrackingError
+from analyze.importing.camera_motion import camera_shift
+from analyze.importing.tip_view import TipView, tip_view
+from analyze.importing.windows import Clip, FoundTip, window_around
+from analyze.progress import Progress
+from analyze.sources.source import Frames, TimedImage
+from analyze.tracking.camera_model import camera_from_spec
+from analyze.types import ImageFrame, Marker
+
+MOTION_AFTER_ONSET_NS = 600_000_000
+"""time after the onset of which images are used to recognise a strike [ns]: the motion shows the edge, and
+resolves a tag's pose ambiguity"""
+MOTION_FRAMES = 144
+"""least number of images after the onset that are used, so that undeclared slow motion shows enough of the
+motion"""
+
+
+@dataclass(frozen=True)
+class SeenTips:
+    """View of each tip, and remarks on a camera that did not stand still."""
+
+    views: tuple[TipView | None, ...]
+    """for each tip its view; None if no marker of known pose on the object is at rest in view"""
+    remarks: tuple[str, ...] = ()
+    """remarks for the user on a camera that moved during a tip, or between tips"""
+
+
+@dataclass
+class _Images:
+    """Images of one tip that pass by; the first and the last are kept."""
+
+    images: Iterable[TimedImage]
+    """the images"""
+    first: TimedImage | None = None
+    """first image; None before it was read"""
+    last: TimedImage | None = None
+    """last image that was read; None before the first"""
+
+    def frames(self) -> Iterator[ImageFrame]:
+        """Yield the images as numbered frames."""
+        for number, image in enumerate(self.images):
+            self.first, self.last = self.first or image, image
+            yield ImageFrame(image.time_ns, number, image.image)
+
+
+def see_tips(
+    markers: Sequence[Marker],
+    camera: CameraFile,
+    images: Sequence[Frames],
+    clips: Sequence[Clip],
+    tips: Sequence[FoundTip],
+    progress: Progress,
+) -> SeenTips:
+    """Pose of the object at rest in the camera's frame and its turning line, for each tip.
+
+    Args:
+        markers: markers of the object; without one of known pose nothing is looked at.
+        camera: lens of the camera.
+        images: images of each source.
+        clips: the sources.
+        tips: the tips; those without an onset (first motion) have no view.
+        progress: called with a text, the number of finished tips and of all.
+
+    Raises:
+        TrackingError: the camera's pose is unknown, and the images show another object, or one of its markers
+            twice.
+    """
+    lens = camera_from_spec(camera.calibration)
+    if all(marker.T_object_marker is None for marker in markers):
+        return SeenTips((None,) * len(tips))
+    views: list[TipView | None] = []
+    filmed: list[tuple[str, _Images]] = []
+    for number, tip in enumerate(tips):
+        progress("recognising the strikes", number, len(tips))
+        if tip.onset is None:
+            views.append(None)
+            continue
+        frame_ns = clips[tip.clip].frame_ns
+        start_ns, end_ns = window_around(tip.onset, frame_ns)
+        until_ns = tip.onset.time_ns + max(MOTION_AFTER_ONSET_NS, round(MOTION_FRAMES * frame_ns))
+        passing = _Images(images[tip.clip].frames(start_ns, min(until_ns, end_ns)))
+        try:
+            views.append(tip_view(passing.frames(), tip.onset.time_ns, lens, markers))
+        except TrackingError:
+            # The strike is refused by name when it is estimated; the others can be used.
+            if not camera.placed:
+                raise
+            views.append(None)
+        filmed.append((tip.name, passing))
+    return SeenTips(tuple(views), (*_moved_during(filmed), *_moved_between(filmed)))
+
+
+def _moved_during(filmed: Sequence[tuple[str, _Images]]) -> Iterator[str]:
+    """Yield a remark for each tip during which the camera moved."""
+    for name, passing in filmed:
+        if passing.first is None or passing.last is None:
+            continue
+        shift = camera_shift(passing.first.image, passing.last.image)
+        if shift is not None:
+            yield (
+                f"{name}: the camera moved by {shift.pixels:.1f} px during the strike: put it on a stand "
+                "that the strike does not shake, and film this strike again"
+            )
+
+
+def _moved_between(filmed: Sequence[tuple[str, _Images]]) -> Iterator[str]:
+    """Yield one remark on the tips before which the camera stood otherwise than before the first one."""
+    if not filmed or (first := filmed[0][1].first) is None:
+        return
+    moved: list[tuple[float, str]] = []
+    for name, passing in islice(filmed, 1, None):
+        shift = None if passing.first is None else camera_shift(first.image, passing.first.image)
+        if shift is not None:
+            moved.append((shift.pixels, name))
+    if moved:
+        names = ", ".join(name for _, name in moved)
+        yield (
+            f"{names}: the camera stood otherwise than in {filmed[0][0]}, by up to {max(moved)[0]:.1f} px: "
+            "one pose is used for all strikes, so that slip and positions are less certain: film all strikes "
+            "without touching it, or import these by themselves and estimate the recordings together"
+        )
