@@ -91,6 +91,7 @@ def test_only_the_motion_before_the_next_line_takes_over_is_fitted():
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1200)
 @pytest.mark.parametrize("place_sd", [PLACE_SD, None])
 def test_none_of_500_strikes_over_the_next_line_counts_for_the_planned_edge(place_sd):
     strikes = list(judged(range(1000), place_sd))
