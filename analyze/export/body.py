@@ -66,10 +66,12 @@ class ExportBody:
     """inertial parameters in O"""
     provenance: Mapping[str, object]
     """origin of the numbers, as JSON values"""
+    friction: float | None = None
+    """coefficient of friction against the table, as the session's rig file states it; None if unknown"""
 
     @property
     def identifier(self) -> str:
-        """Name of the object as an ASCII identifier that is valid in URDF, SDF, MJCF and USD."""
+        """Name of the object as an ASCII identifier that is valid in all formats."""
         return identifier(self.name)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +31,8 @@ class ExportInput:
     """object file: name, mass, markers"""
     model: ObjectModel
     """exterior of the object"""
+    friction: float | None = None
+    """coefficient of friction between table and object, as the rig file states it; None if it does not"""
 
 
 def is_result(files: Sequence[Path]) -> bool:
@@ -44,6 +47,26 @@ def is_result(files: Sequence[Path]) -> bool:
             f"{results[0]}: is a result, which must be the only file: give one result, or the recordings"
         )
     return bool(results)
+
+
+def stated_friction(rigs: Sequence[str | None]) -> float | None:
+    """Coefficient of friction between table and object, as the rig files of an object's sessions state it.
+
+    The rig file states a lower bound (`table_friction`): of several, the greatest is returned. None if none
+    states it.
+
+    Args:
+        rigs: texts of the rig files; None for a recording without one.
+    """
+    stated = []
+    for rig in rigs:
+        try:
+            value = None if rig is None else tomllib.loads(rig).get("table_friction")
+        except tomllib.TOMLDecodeError:
+            continue
+        if isinstance(value, int | float) and value > 0:
+            stated.append(float(value))
+    return max(stated, default=None)
 
 
 def read_export_input(
@@ -76,7 +99,8 @@ def read_export_input(
     if not is_result(files):
         answer = answer_recordings(files, EstimateOptions(object_path, exclude), progress, cache)
         evidence = answer.estimate.evidence
-        return ExportInput(answer.result, evidence.spec, evidence.model)
+        rigs = [head.rig_toml for head in evidence.recordings]
+        return ExportInput(answer.result, evidence.spec, evidence.model, stated_friction(rigs))
     path = files[0]
     if object_path is None:
         raise ExportError(

@@ -1,30 +1,36 @@
-"""File formats of simulators, with their suffixes and numerical precision."""
+"""File formats of simulators and ROS, with their suffixes and numerical precision."""
 
 from __future__ import annotations
 
 import enum
+import re
 from pathlib import Path
 
 
 class Format(enum.Enum):
-    """File format of a simulator: URDF (ROS), SDF (Gazebo), MJCF (MuJoCo) or USD."""
+    """Format of an export: URDF, SDF, MJCF (MuJoCo), USD, a ROS 2 message, or a folder for Gazebo."""
 
     URDF = "urdf"
     SDF = "sdf"
     MJCF = "mjcf"
     USD = "usd"
+    ROS = "ros"
+    GAZEBO = "gazebo"
 
     @property
     def suffixes(self) -> tuple[str, ...]:
         """File suffixes of this format, with their dot, the usual one first.
 
-        USD's suffix selects text (.usda) or binary.
+        USD's suffix selects text (.usda) or binary, that of a ROS message YAML or JSON. Gazebo's is a folder,
+        without a suffix.
         """
         return {
             "urdf": (".urdf",),
             "sdf": (".sdf",),
             "mjcf": (".xml", ".mjcf"),
             "usd": (".usda", ".usd", ".usdc"),
+            "ros": (".yaml", ".yml", ".json"),
+            "gazebo": (),
         }[self.value]
 
     @property
@@ -36,13 +42,25 @@ class Format(enum.Enum):
         return 1e-6 if self is Format.USD else 1e-9
 
 
+WITH_FRICTION = {Format.SDF, Format.MJCF, Format.GAZEBO}
+"""formats in which a body has a coefficient of friction of its own"""
+
+
 def why_misnamed(output: Path, wanted: Format) -> str | None:
     """One-line reason why the suffix of `output` is wrong for the format `wanted`; None if it is right.
 
-    The line proposes a name. A suffix is wrong if it belongs to another format only. A USD file must have one
-    of USD's suffixes; files of other formats may have an unknown suffix or none.
+    The line proposes a name. A suffix is wrong if it belongs to another format only. Files of USD and ROS
+    must have one of their suffixes; those of other formats may have an unknown suffix or none. The name of a
+    Gazebo folder, part of the addresses in it, consists of letters, digits, underscores and hyphens.
     """
     suffix = output.suffix.lower()
+    if wanted is Format.GAZEBO:
+        if re.fullmatch("[A-Za-z0-9_-]+", output.name):
+            return None
+        name = re.sub("[^A-Za-z0-9_-]+", "_", output.stem).strip("_") or "model"
+        return f"{output}: a Gazebo model is a folder named with letters, digits, _ and -: name it {name}"
+    if wanted is Format.ROS and suffix not in wanted.suffixes:
+        return f"{output}: a ROS message is .yaml or .json, by its suffix: name it {output.stem}.yaml"
     if wanted is Format.USD and suffix not in wanted.suffixes:
         kinds = ".usda (text), .usd or .usdc (binary)"
         return f"{output}: USD is recognised by its suffix, {kinds}: name it {output.stem}.usda"

@@ -45,7 +45,11 @@ def mjcf_text(body: ExportBody, mesh: MeshFile | None) -> str:
         diaginertia=numbers(moments),
     )
     for role, settings in ROLES.items():
-        child(own, "geom", name=f"{body.identifier}_{role}", mass="0", **shape, **settings)
+        # Sliding friction alone; torsional and rolling friction stay at MuJoCo's defaults.
+        friction: dict[str, str] = {}
+        if role == "collision" and body.friction is not None:
+            friction["friction"] = numbers([body.friction])
+        child(own, "geom", name=f"{body.identifier}_{role}", mass="0", **shape, **settings, **friction)
     return document(root, body)
 
 

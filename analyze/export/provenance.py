@@ -33,7 +33,7 @@ def prior_entries(result: Result) -> list[tuple[int, int]]:
     return [entry for entry in TENSOR_ENTRIES if not result.inertia_measured[entry[0]][entry[1]]]
 
 
-def provenance(result: Result, name: str, software: str) -> dict[str, object]:
+def provenance(result: Result, name: str, software: str, friction: float | None = None) -> dict[str, object]:
     """Origin of a result's numbers, as a dict of JSON values for the exported file.
 
     It holds ids and hashes of the inputs; mass, centre of mass and inertia tensor in O (the frame of the
@@ -44,6 +44,7 @@ def provenance(result: Result, name: str, software: str) -> dict[str, object]:
         result: result that is exported; it must contain an inertia tensor.
         name: object name from the object file.
         software: name and version of the program that writes the file.
+        friction: coefficient of friction that the rig file states; None for none.
     """
     inputs = result.inputs
     prior = prior_entries(result)
@@ -58,6 +59,7 @@ def provenance(result: Result, name: str, software: str) -> dict[str, object]:
         for entry in TENSOR_ENTRIES
     }
     com = result.centre_of_mass
+    rubbing = {"friction": {"value": friction, "source": "rig file: least on its table, not measured"}}
     return {
         "object": name,
         "written_by": software,
@@ -80,6 +82,7 @@ def provenance(result: Result, name: str, software: str) -> dict[str, object]:
             "unobserved_direction": com.unobserved_direction,
         },
         "inertia": tensor,
+        **(rubbing if friction is not None else {}),
         "warnings": sorted({warning.code.value for warning in result.warnings}),
     }
 

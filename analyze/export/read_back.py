@@ -1,7 +1,7 @@
 """Read the ten inertial parameters back from an exported file, to check it.
 
-The libraries are yourdfpy (URDF), rod (SDF), mujoco (MJCF) and usd-core (USD). No code is shared with the
-writers.
+The libraries are yourdfpy (URDF), rod (SDF, Gazebo), mujoco (MJCF), usd-core (USD) and rosbags (ROS). No code
+is shared with the writers.
 """
 
 # These libraries are only partly typed.
@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import importlib.util
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
+from xml.etree import ElementTree as ET
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -25,6 +26,9 @@ from analyze.export.formats import Format
 from analyze.types import Array
 from schemas.software import extra_command
 
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
 Part = TypeVar("Part")
 
 READERS = {
@@ -32,6 +36,8 @@ READERS = {
     Format.SDF: ("rod", "rod"),
     Format.MJCF: ("mujoco", "mujoco"),
     Format.USD: ("pxr", "usd-core"),
+    Format.ROS: ("rosbags", "rosbags"),
+    Format.GAZEBO: ("rod", "rod"),
 }
 """module and package that read each format"""
 
@@ -56,7 +62,7 @@ def read_back(path: Path, written: Format) -> Inertial:
     """Read the inertial parameters of the first body in a file.
 
     Args:
-        path: the file, with its mesh beside it.
+        path: the file, with its mesh beside it; or the folder of a Gazebo model.
         written: format of the file.
 
     Returns:
@@ -68,7 +74,15 @@ def read_back(path: Path, written: Format) -> Inertial:
             parameters or (USD) other units than kg and m; or a mesh that the file names is missing.
     """
     try:
-        return {Format.URDF: _urdf, Format.SDF: _sdf, Format.MJCF: _mjcf, Format.USD: _usd}[written](path)
+        readers = {
+            Format.URDF: _urdf,
+            Format.SDF: _sdf,
+            Format.MJCF: _mjcf,
+            Format.USD: _usd,
+            Format.ROS: _ros,
+            Format.GAZEBO: _gazebo,
+        }
+        return readers[written](path)
     except Exception as error:  # each library raises its own kinds
         package = READERS[written][1]
         raise ExportError(
@@ -136,6 +150,44 @@ def _usd(path: Path) -> Inertial:
     )
 
 
+def _gazebo(path: Path) -> Inertial:
+    config = ET.parse(path / "model.config")  # noqa: S314 - our own file
+    return _sdf(path / _required(config.findtext("sdf"), "sdf"))
+
+
+def _ros(path: Path) -> Inertial:
+    """Inertial parameters of a message that passes through ROS's serialisation, by its own definition."""
+    from rosbags.typesys import Stores, get_typestore
+    from ruamel.yaml import YAML
+
+    # JSON is a part of YAML.
+    content = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    name = "geometry_msgs/msg/InertiaStamped"
+    message = store.deserialize_cdr(store.serialize_cdr(_message(store, name, content), name), name)
+    if not message.header.frame_id:
+        raise ValueError("it finds no frame")
+    own, com = message.inertia, message.inertia.com
+    rows = [[own.ixx, own.ixy, own.ixz], [own.ixy, own.iyy, own.iyz], [own.ixz, own.iyz, own.izz]]
+    return _in_frame(own.m, np.array([com.x, com.y, com.z]), np.array(rows), np.eye(3))
+
+
+def _message(store: Typestore, name: str, content: Mapping[str, object]) -> object:
+    """Message of a type, with all fields of its definition and no others.
+
+    Raises:
+        ValueError: a field is missing or unknown.
+    """
+    fields = dict(store.fielddefs[name][1])
+    if set(fields) != set(content):
+        raise ValueError(f"{name} has the fields {', '.join(fields)}, not {', '.join(content)}")
+    values = {}
+    for field, value in content.items():
+        kind = fields[field][1]
+        values[field] = _message(store, str(kind), value) if isinstance(value, Mapping) else value
+    return store.types[name](**values)
+
+
 def _required(part: Part | None, name: str) -> Part:
     """Return `part` of an exported file; raise ValueError with its `name` if it is None."""
     if part is None:
@@ -153,7 +205,9 @@ def _refuse_missing(path: Path, meshes: Sequence[str]) -> None:
         meshes: names of its meshes, relative to its folder.
     """
     for name in meshes:
-        if not (path.parent / name).is_file():
+        # model://FOLDER is the folder of that name, beside other models.
+        place = path.parent.parent if name.startswith("model://") else path.parent
+        if not (place / name.removeprefix("model://")).is_file():
             raise FileNotFoundError(f"{name} is not beside it")
 
 

@@ -19,12 +19,13 @@ from schemas.object_spec import Box, Cylinder
 VERSION = "1.7"
 
 
-def sdf_text(body: ExportBody, mesh: MeshFile | None) -> str:
+def sdf_text(body: ExportBody, mesh: MeshFile | None, address: str = "") -> str:
     """Text of the SDF file of a body.
 
     Args:
         body: exported body.
-        mesh: mesh in the same folder, to which the text refers; None for a box or cylinder.
+        mesh: mesh to which the text refers; None for a box or cylinder.
+        address: URI of the mesh's folder, with a slash at its end; empty for the SDF file's own folder.
     """
     inertial = body.inertial
     root = ET.Element("sdf", version=VERSION)
@@ -37,11 +38,20 @@ def sdf_text(body: ExportBody, mesh: MeshFile | None) -> str:
         child(entries, name, value)
     for role in ("visual", "collision"):
         element = child(link, role, name=f"{body.identifier}_{role}")
-        _geometry(child(element, "geometry"), body, mesh)
+        _geometry(child(element, "geometry"), body, None if mesh is None else address + mesh.name)
+        if role == "collision" and body.friction is not None:
+            _friction(element, body.friction)
     return document(root, body)
 
 
-def _geometry(parent: ET.Element, body: ExportBody, mesh: MeshFile | None) -> None:
+def _friction(collision: ET.Element, coefficient: float) -> None:
+    """Add a coefficient of friction to a `<collision>`, for both directions of ODE's friction pyramid."""
+    ode = child(child(child(collision, "surface"), "friction"), "ode")
+    for name in ("mu", "mu2"):
+        child(ode, name, numbers([coefficient]))
+
+
+def _geometry(parent: ET.Element, body: ExportBody, mesh_uri: str | None) -> None:
     match body.model.primitive:
         case Box(size_m=size):
             child(child(parent, "box"), "size", numbers(size))
@@ -50,4 +60,4 @@ def _geometry(parent: ET.Element, body: ExportBody, mesh: MeshFile | None) -> No
             child(element, "radius", numbers([radius]))
             child(element, "length", numbers([height]))
         case None:
-            child(child(parent, "mesh"), "uri", "" if mesh is None else mesh.name)
+            child(child(parent, "mesh"), "uri", mesh_uri)

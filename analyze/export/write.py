@@ -11,9 +11,11 @@ import numpy as np
 from analyze.errors import ExportError
 from analyze.export.body import ExportBody, Inertial
 from analyze.export.formats import Format
+from analyze.export.gazebo import refuse_other_folder, stage_model
 from analyze.export.mesh import MeshFile, mesh_file
 from analyze.export.mjcf import mjcf_text
 from analyze.export.read_back import read_back
+from analyze.export.ros import ros_text
 from analyze.export.sdf import sdf_text
 from analyze.export.urdf import urdf_text
 from analyze.export.usd import write_usd
@@ -28,19 +30,21 @@ def write_body(body: ExportBody, wanted: Format, output: Path) -> list[Path]:
     Args:
         body: exported body.
         wanted: format of the file.
-        output: the file; its folder must exist.
+        output: the file, or the folder of a Gazebo model; the folder above it must exist.
 
     Returns:
-        Files written: `output`, then the mesh beside it unless the shape is a box or cylinder or the format
-        is USD.
+        Files written: `output`, then the mesh unless the shape is a box or cylinder, or the format USD or a
+        ROS message, which has no shape.
 
     Raises:
         ExportError: the library that reads the format is missing, cannot read the file, or does not find the
             same mass, centre of mass and inertia.
         OutputError: a file cannot be written.
     """
+    if wanted is Format.GAZEBO:
+        return _write_folder(body, output)
     refuse_unwritable(output)
-    mesh = None if wanted is Format.USD else mesh_file(body)
+    mesh = None if wanted in {Format.USD, Format.ROS} else mesh_file(body)
     try:
         # Below the output's folder, so that putting in place is a rename; in a folder of its own, so that the
         # mesh can have its final name.
@@ -83,11 +87,36 @@ def refuse_changed_parameters(written: Inertial, found: Inertial, where: Format)
             )
 
 
+def _write_folder(body: ExportBody, output: Path) -> list[Path]:
+    """Write a Gazebo model folder; existing files of the same names are replaced, others stay.
+
+    Returns:
+        The folder, then the mesh if there is one.
+
+    Raises:
+        ExportError, OutputError: as `write_body`.
+    """
+    refuse_other_folder(output)
+    try:
+        with tempfile.TemporaryDirectory(dir=output.parent, prefix=f".{output.name}.") as folder:
+            staged = Path(folder) / output.name
+            files = stage_model(body, staged)
+            refuse_changed_parameters(body.inertial, read_back(staged, Format.GAZEBO), Format.GAZEBO)
+            for file in files:
+                (output / file).parent.mkdir(parents=True, exist_ok=True)
+                _move(staged / file, output / file)
+            return [output, *(output / file for file in files if file.parent.name)]
+    except OSError as error:
+        raise OutputError(f"{output}: cannot be written: {error.strerror}: choose another place") from None
+
+
 def _write(body: ExportBody, wanted: Format, path: Path, mesh: MeshFile | None) -> None:
     if mesh is not None:
         (path.parent / mesh.name).write_bytes(mesh.data)
     if wanted is Format.USD:
         write_usd(body, path)
+    elif wanted is Format.ROS:
+        path.write_text(ros_text(body, as_json=path.suffix.lower() == ".json"), encoding="utf-8")
     else:
         texts = {Format.URDF: urdf_text, Format.SDF: sdf_text, Format.MJCF: mjcf_text}
         path.write_text(texts[wanted](body, mesh), encoding="utf-8")
@@ -113,8 +142,12 @@ def _put_in_place(staged: Path, output: Path, mesh: MeshFile | None) -> list[Pat
     moves = [] if mesh is None else [(staged.parent / mesh.name, output.parent / mesh.name)]
     moves.append((staged, output))
     for source, target in moves:
-        with source.open("rb") as file:
-            os.fsync(file.fileno())
-        source.chmod(0o644)
-        source.replace(target)
+        _move(source, target)
     return [target for _, target in reversed(moves)]
+
+
+def _move(source: Path, target: Path) -> None:
+    with source.open("rb") as file:
+        os.fsync(file.fileno())
+    source.chmod(0o644)
+    source.replace(target)

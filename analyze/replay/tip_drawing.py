@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import findfont, get_font
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 
-from analyze.replay.palette import GREEN, GREY, GROUND, ORANGE, RED, SKY, Colour
+from analyze.replay.palette import GREEN, GREY, GROUND, INK, ORANGE, RED, SKY, Colour
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -31,7 +31,6 @@ _IMAGE_BOX = (0.012, 0.03, 0.42, 0.94)
 _ANGLE_BOX, _RESIDUAL_BOX = (0.515, 0.36, 0.46, 0.46), (0.515, 0.12, 0.46, 0.15)
 _MARGIN = 0.05
 """width of image around what is drawn over it, as a fraction of the larger side"""
-_INK = (235, 238, 242)
 _STYLE: dict[RcKeyType, Any] = {"font.size": 11.0, "font.family": "DejaVu Sans", "axes.linewidth": 0.8}
 
 
@@ -94,7 +93,7 @@ class TipDrawing:
             axes.add_collection(lines)
             return lines
 
-        self._plumb = collection(_INK, 1.2, "dotted")
+        self._plumb = collection(INK, 1.2, "dotted")
         self._outline = collection(SKY, 1.8)
         self._tags = collection(GREEN, 1.8)
         self._pivot = collection(RED, 2.6)
@@ -129,7 +128,7 @@ class TipDrawing:
         axes.axvline(0.0, color=_rgb(GREY), linewidth=0.9, linestyle="dotted")
         (self._measured,) = axes.plot([], [], markersize=5.0, color=_rgb(GREEN), **point)
         (self._fitted,) = axes.plot([], [], color=_rgb(SKY), linewidth=1.8)
-        (self._now,) = axes.plot([], [], markersize=9.0, color=_rgb(_INK), clip_on=False, zorder=5, **point)
+        (self._now,) = axes.plot([], [], markersize=9.0, color=_rgb(INK), clip_on=False, zorder=5, **point)
         passage_ms = self._passage_ms()
         (mark,) = axes.plot(
             [np.nan if passage_ms is None else passage_ms],
@@ -178,7 +177,7 @@ class TipDrawing:
         left, right = _ANGLE_BOX[0], _ANGLE_BOX[0] + _ANGLE_BOX[2]
         write = self._figure.text
         title = f"{_drawable(strike.object_name)}, strike {_drawable(strike.motion.strike_id)}"
-        write(left, 0.935, title, color=_rgb(_INK), fontsize=13, weight="bold", va="center")
+        write(left, 0.935, title, color=_rgb(INK), fontsize=13, weight="bold", va="center")
         write(right, 0.935, speed, color=_rgb(GREY), fontsize=11, va="center", ha="right")
         for x, text, colour in (
             (0.0, "● measured", GREEN),
@@ -187,7 +186,7 @@ class TipDrawing:
         ):
             write(left + x, 0.872, text, color=_rgb(colour), fontsize=11, va="center")
         self._reading = write(
-            right, 0.872, "", color=_rgb(_INK), fontsize=13, va="center", ha="right", weight="bold"
+            right, 0.872, "", color=_rgb(INK), fontsize=13, va="center", ha="right", weight="bold"
         )
         sd = float(np.degrees(np.sqrt(fit.covariance[0, 0])))
         digits = max(0, min(4, 1 - int(np.floor(np.log10(max(sd, 1e-9))))))

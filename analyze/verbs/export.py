@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from analyze.errors import ExportError
-from analyze.export.formats import Format, why_misnamed
+from analyze.export.formats import WITH_FRICTION, Format, why_misnamed
 from analyze.verbs.options import chosen_cache, files_argument, one_line, path_option, with_estimate_options
 from analyze.verbs.outputs import refuse_outputs
+
+if TYPE_CHECKING:
+    from analyze.export.export_source import ExportInput
+
+FOXGLOVE = "foxglove"
+"""name of the layout among the formats; it has no body, which the others have"""
 
 
 @click.command()
@@ -19,11 +26,13 @@ from analyze.verbs.outputs import refuse_outputs
 @click.option(
     "--format",
     "wanted",
-    type=click.Choice([each.value for each in Format]),
+    type=click.Choice([*(each.value for each in Format), FOXGLOVE]),
     required=True,
-    help="Format of the file. A scanned shape becomes a mesh file (.obj) beside it; USD contains the mesh.",
+    help="Format of the file. A scanned shape becomes a mesh file (.obj) beside it; USD contains the mesh. "
+    "ros is a message geometry_msgs/InertiaStamped, without the shape; gazebo is a model folder; foxglove is "
+    "a layout of panels that shows the recording.",
 )
-@path_option("-o", "--output", required=True, help="The file to write.")
+@path_option("-o", "--output", required=True, help="The file to write; with gazebo a folder.")
 @click.option(
     "--measured-only",
     is_flag=True,
@@ -39,26 +48,32 @@ def export(
     exclude: tuple[str, ...],
     no_cache: bool,
 ) -> None:
-    """Write the body for a simulator: shape, mass, centre of mass and inertia.
+    """Write the body for a simulator or ROS: shape, mass, centre of mass and inertia.
 
-    Each file is read back and compared before it is put in place.
+    Each file is read back and compared before it is put in place. A layout for Foxglove has no body.
 
     FILE: recordings of one object, or the output of `analyze estimate --json` together with --object.
     """
     # The code's version is read before the code is loaded.
     cache = chosen_cache(no_cache)
-    from analyze.export.body import ExportBody, inertial_of
+    if wanted == FOXGLOVE:
+        from analyze.export.foxglove import write_layout
+
+        refuse_outputs([output], files)
+        write_layout(files, output)
+        click.echo(f"FOXGLOVE: {output}; import it in Foxglove's menu of layouts")
+        return
     from analyze.export.export_source import is_result, read_export_input
+    from analyze.export.gazebo import refuse_other_folder
     from analyze.export.measured_only import refuse_prior
-    from analyze.export.provenance import prior_entries, provenance
     from analyze.export.read_back import refuse_without_reader
-    from analyze.export.write import write_body
     from analyze.progress import ProgressBar
-    from analyze.types import tensor_entry_name
-    from schemas.software import software_version
 
     kind = Format(wanted)
-    refuse_outputs([output], [] if is_result(files) else files, [*files, object_file])
+    if kind is Format.GAZEBO:
+        refuse_other_folder(output)
+    else:
+        refuse_outputs([output], [] if is_result(files) else files, [*files, object_file])
     if (reason := why_misnamed(output, kind)) is not None:
         raise ExportError(reason)
     refuse_without_reader(kind)
@@ -67,17 +82,45 @@ def export(
     name = ", ".join(map(str, files))
     if measured_only:
         refuse_prior(source.result, source.spec, source.model, name)
-    inertial = inertial_of(source.result, name)
-    origin = provenance(source.result, source.spec.name, software_version())
-    written = write_body(ExportBody(source.spec.name, source.model, inertial, origin), kind, output)
-    if not source.result.centre_of_mass.observed:
+    _write(source, kind, output, name)
+
+
+def _write(source: ExportInput, kind: Format, output: Path, name: str) -> None:
+    """Write the body of a result, and print the file's name and what its numbers leave open.
+
+    Args:
+        source: result and object.
+        kind: format of the file.
+        output: file or folder to write.
+        name: name of the input, for messages.
+
+    Raises:
+        ExportError: the result has no complete or possible body, or the file is read back differently.
+        OutputError: the file cannot be written.
+    """
+    from analyze.export.body import ExportBody, inertial_of
+    from analyze.export.provenance import prior_entries, provenance
+    from analyze.export.write import write_body
+    from analyze.types import tensor_entry_name
+    from schemas.software import software_version
+
+    result = source.result
+    friction = source.friction if kind in WITH_FRICTION else None
+    origin = provenance(result, source.spec.name, software_version(), friction)
+    body = ExportBody(source.spec.name, source.model, inertial_of(result, name), origin, friction)
+    written = write_body(body, kind, output)
+    marks = "" if output.suffix.lower() == ".json" else "; the file marks them"
+    if not result.centre_of_mass.observed:
         click.echo(
-            "note: the strikes do not determine the centre of mass in all directions; the file names the "
-            "one missing",
+            "note: the strikes do not determine the centre of mass in all directions"
+            + ("; the file names the one missing" if marks else ""),
             err=True,
         )
-    if prior := prior_entries(source.result):
+    if prior := prior_entries(result):
         entries = ", ".join(map(tensor_entry_name, prior))
-        click.echo(f"note: from the shape, not from strikes: {entries}; the file marks them", err=True)
-    beside = "".join(f", with {path.name} beside it" for path in written[1:])
+        click.echo(f"note: from the shape, not from strikes: {entries}{marks}", err=True)
+    if friction is not None:
+        click.echo(f"note: friction {friction:g} is the rig file's table_friction, not measured", err=True)
+    where = "in it" if kind is Format.GAZEBO else "beside it"
+    beside = "".join(f", with {path.name} {where}" for path in written[1:])
     click.echo(f"{kind.value.upper()}: {written[0]}{beside}; read back: the same ten parameters")
