@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from acquire.errors import SessionError
 from schemas.document import DocumentError
 from schemas.object_spec import ObjectSpec, object_sha256, read_object_spec
 from schemas.strike_plan import StrikePlan, read_strike_plan
+from schemas.watch_lines import SeenMarker
 
 
 @dataclass
@@ -56,6 +58,18 @@ class SessionInput:
                 f"or an older version of {self.object_path}: "
                 f"run `analyze plan {self.object_path} -o {self.plan_path}` again"
             )
+
+    def lacks_places(self, seen: Sequence[SeenMarker]) -> bool:
+        """True if the object's markers in view are all without a place in the object file.
+
+        Their first strikes find the places (`analyze register`), so that no placement can be checked yet.
+
+        Args:
+            seen: markers in view, also those of other objects.
+        """
+        placed = {marker.name: marker.T_object_marker is not None for marker in self.spec.marker}
+        own = [placed[marker.id] for marker in seen if marker.id in placed]
+        return bool(own) and not any(own)
 
     @property
     def replan_advice(self) -> str:

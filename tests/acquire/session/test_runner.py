@@ -12,9 +12,10 @@ import pytest
 
 from acquire.errors import DaemonSilent, StrikerLost, StrikerStopped
 from acquire.session import runner as session_runner
-from acquire.session.events import Recorded, StopRequested, StrikerFailed
+from acquire.session.events import PoseChecked, Recorded, StopRequested, StrikerFailed
 from acquire.session.runner import LATE_TIMEOUT_S, REST_TIMEOUT_S, SessionRunner
 from acquire.session.session_input import SessionInput
+from schemas.object_spec import parse_object_spec
 from tests.acquire.session.test_machine import POSE
 from tests.system.complaints import spec_and_plan, write
 
@@ -206,3 +207,47 @@ def test_stop_ends_the_wait_for_the_servo(monkeypatch: pytest.MonkeyPatch) -> No
     assert daemon.asked == [False, False, False]
     assert isinstance(runner._striker_failed(StrikerStopped()), StopRequested)
     assert isinstance(runner._striker_failed(StrikerLost("unplugged")), StrikerFailed)
+
+
+class Watcher:
+    """Fake daemon whose `analyze watch` sees tags at rest, and cannot compare their placement."""
+
+    def __init__(self, host: Host, *seen: int) -> None:
+        self.host, self.seen = host, seen
+
+    def call(self, name: str, **_: Any) -> dict[str, Any]:
+        now_ns = self.host.monotonic_ns()
+        markers = [{"id": number, "corners_px": [[0.0, 0.0]] * 4} for number in self.seen]
+        event = {
+            "time_ns": now_ns,
+            "markers": markers,
+            "at_rest": True,
+            "saturated_fraction": 0.0,
+            "text": "no pose",
+        }
+        return {"now_ns": now_ns, "alive": True, "event": event, "trouble": ""}
+
+
+@pytest.mark.parametrize(
+    ("placed", "seen", "good"),
+    [((), (7,), True), ((7,), (7,), False), ((7,), (7, 8), False), ((), (99,), False), ((), (), False)],
+)
+def test_tags_without_a_place_do_not_stop_the_strikes_that_find_it(
+    monkeypatch: pytest.MonkeyPatch, placed: tuple[int, ...], seen: tuple[int, ...], good: bool
+) -> None:
+    """A tag with a place whose pose is not found, another object's tag or none still stop the strike."""
+    host, said = Host(), []
+    monkeypatch.setattr(session_runner, "time", host)
+    runner = SessionRunner.__new__(SessionRunner)
+    given = SessionInput.__new__(SessionInput)
+    marker = "[[marker]]\nid = {}\nsize_m = 0.03\n"
+    pose = f"T_object_marker = {POSE}\n"
+    text = "".join(marker.format(number) + (pose if number in placed else "") for number in (7, 8))
+    head = 'name = "b"\nmass_kg = 0.1\nmass_sd_kg = 0.001\nshape = { box = { size_m = [0.1, 0.1, 0.1] } }\n'
+    given.spec = parse_object_spec(head + text, "b.toml")
+    runner._client, runner._input = Watcher(host, *seen), given  # type: ignore[assignment]
+    monkeypatch.setattr(runner, "_report", said.append)
+    checked = runner._check_pose(SimpleNamespace(id="s1"))  # type: ignore[arg-type]
+    assert isinstance(checked, PoseChecked)
+    assert checked.good is good
+    assert said == (["s1: placement not checked: no pose"] if good else [])
