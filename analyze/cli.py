@@ -28,6 +28,7 @@ from analyze.verbs.replay import replay
 from analyze.verbs.report import report
 from analyze.verbs.reproduce import reproduce
 from analyze.verbs.score import score
+from analyze.verbs.shape import shape
 from analyze.verbs.watch.command import watch
 from schemas.command_line import Commands, version_option
 
@@ -43,6 +44,7 @@ def main() -> None:
 
 
 for _verb in (
+    shape,
     plan,
     estimate,
     score,
