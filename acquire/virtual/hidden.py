@@ -102,6 +102,27 @@ def hidden_body(
     for region, mass in zip((shell, upper, ~shell & ~upper), region_masses, strict=True):
         if mass > 0:
             weights[region] = mass * spread[region] / spread[region].sum()
+    return weighted_body(points, weights, region_masses, region_plane, shell_thickness_m)
+
+
+def weighted_body(
+    points: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    region_masses: tuple[float, float, float],
+    region_plane: tuple[NDArray[np.float64], float],
+    shell_thickness_m: float,
+) -> HiddenBody:
+    """Mass, centre of mass and inertia about it [kg, m, kg m2, in O] of point masses, with given regions.
+
+    Args:
+        points: (n, 3) places of the point masses [m, in O, the object's frame].
+        weights: (n,) masses [kg].
+        region_masses: masses of the shell and of the interior's upper and lower part [kg].
+        region_plane: unit normal n (3,) and offset d [m] of the plane that divides the interior; the upper
+            part is where n.x > d.
+        shell_thickness_m: depth down to which the material belongs to the shell [m].
+    """
+    normal, offset = region_plane
     total = float(weights.sum())
     com = weights @ points / total
     arm = points - com

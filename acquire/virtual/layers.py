@@ -113,6 +113,24 @@ def overlay(back: Layer, front: Sequence[Layer]) -> Layer:
     return found
 
 
+def masked(item: Layer, hiding: Sequence[Layer]) -> Layer:
+    """Layer `item` without the fraction of each pixel that the layers `hiding` cover together."""
+    if not hiding:
+        return item
+    hidden = np.zeros_like(item.cover)
+    for front in hiding:
+        shared = Box(
+            left=max(item.box.left, front.box.left),
+            top=max(item.box.top, front.box.top),
+            right=min(item.box.right, front.box.right),
+            bottom=min(item.box.bottom, front.box.bottom),
+        )
+        if not shared.empty:
+            hidden[shared.within(item.box)] += front.cover[shared.within(front.box)]
+    seen = np.asarray(1.0 - np.minimum(hidden, np.float32(1.0)), np.float32)
+    return Layer(item.box, item.light * seen, item.cover * seen)
+
+
 def compose(front_to_back: Sequence[Layer]) -> Layer:
     """Combine one or more layers that hide one another, given from front to back, and return one layer.
 

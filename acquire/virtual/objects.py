@@ -18,16 +18,16 @@ from scipy.spatial import ConvexHull
 
 from acquire.errors import AcquireError
 from acquire.virtual.bottle_shapes import BOTTLES, convex_parts, read_stl
+from acquire.virtual.convex_parts import ConvexParts
 from acquire.virtual.hidden import HiddenBody, box_depth, cylinder_depth, hidden_body, mesh_depth, sample_body
-from acquire.virtual.station import TABLE_FRICTION
+from acquire.virtual.primitive_meshes import box_mesh, cylinder_mesh
+from acquire.virtual.station import ARM_INERTIA_KG_M2, DISTANCE_M, TABLE_FRICTION
 from schemas.object_spec import ObjectSpec, parse_object_spec
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 OBJECT_NAMES = ("carton", "spray", "juice", "salt", "parcel")
-_CYLINDER_SEGMENTS = 96
-"""number of corners of the polygons that stand for a cylinder's rims"""
 
 
 @dataclass(frozen=True)
@@ -110,6 +110,12 @@ class VirtualObject:
     """coefficient of friction between object and table"""
     body: HiddenBody
     """true mass properties, hidden from the estimators"""
+    drawn_parts: ConvexParts | None = None
+    """parts that the camera's images show; None to draw the surface mesh, split along its concave edges"""
+    camera_distance_m: float = DISTANCE_M
+    """distance of the camera from the pivot line [m]"""
+    arm_inertia_kg_m2: float = ARM_INERTIA_KG_M2
+    """moment of inertia of the striker's arm about its hinge [kg m2]"""
 
 
 def load_object(name: str, seed: int) -> VirtualObject:
@@ -218,9 +224,9 @@ def _mesh(name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """
     shape = _spec(name).shape
     if shape.box is not None:
-        return _box_mesh(np.array(shape.box.size_m) / 2)
+        return box_mesh(np.array(shape.box.size_m) / 2)
     if shape.cylinder is not None:
-        return _cylinder_mesh(shape.cylinder.radius_m, shape.cylinder.height_m / 2)
+        return cylinder_mesh(shape.cylinder.radius_m, shape.cylinder.height_m / 2)
     assert shape.file is not None  # noqa: S101 - the document allows exactly one of three
     vertices, faces = read_stl(_data(shape.file))
     return vertices * 0.001, faces
@@ -256,37 +262,3 @@ def _in_convex_parts(points: NDArray[np.float64], parts: list[NDArray[np.float64
         near = np.flatnonzero((z >= low) & (z <= high) & ~found)
         found[near] = np.all(points[near] @ planes[:, :3].T + planes[:, 3] <= 0, axis=1)
     return found
-
-
-def _box_mesh(half: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
-    faces = [
-        (0, 1, 3),
-        (0, 3, 2),
-        (4, 6, 7),
-        (4, 7, 5),
-        (0, 4, 5),
-        (0, 5, 1),
-        (2, 3, 7),
-        (2, 7, 6),
-        (0, 2, 6),
-        (0, 6, 4),
-        (1, 5, 7),
-        (1, 7, 3),
-    ]
-    return corners, np.array(faces)
-
-
-def _cylinder_mesh(radius: float, half_height: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    n = _CYLINDER_SEGMENTS
-    angle = np.arange(n) * (2 * np.pi / n)
-    rim = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    low = np.column_stack([rim, np.full(n, -half_height)])
-    high = np.column_stack([rim, np.full(n, half_height)])
-    i = np.arange(n)
-    j = (i + 1) % n
-    sides = [np.column_stack([i, j, j + n]), np.column_stack([i, j + n, i + n])]
-    centre_low, centre_high = np.full(n, 2 * n), np.full(n, 2 * n + 1)
-    caps = [np.column_stack([centre_low, j, i]), np.column_stack([centre_high, i + n, j + n])]
-    centres = np.array([[0, 0, -half_height], [0, 0, half_height]])
-    return np.concatenate([low, high, centres]), np.concatenate(sides + caps)

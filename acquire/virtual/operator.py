@@ -4,7 +4,7 @@ The daemon is the process that runs the rig; its prompts ask a person to place t
 The placing has a person's accuracy: yaw and position of the object and the striker's stand are off by a
 little each time. A prompt for a strike with the object turned about the vertical is answered with a refusal,
 because the virtual striker stands on one side only. Not modelled: a wrong face, an object that slips from the
-hand, an operator who forgets.
+hand, an operator who forgets. In a rehearsal it only places the object, and a person answers the prompts.
 """
 
 from __future__ import annotations
@@ -35,18 +35,25 @@ class VirtualOperator:
         daemon_socket: path of the daemon's socket.
         world: client of the virtual world's control socket.
         seed: seed of the placing errors.
+        answers: True to answer the prompts; False to place only, and leave the answer to a person.
 
     Raises:
         DaemonError: no daemon takes the connection.
     """
 
-    def __init__(self, daemon_socket: Path, world: OperatorLink, seed: int) -> None:
+    def __init__(self, daemon_socket: Path, world: OperatorLink, seed: int, *, answers: bool = True) -> None:
         self._daemon_socket = daemon_socket
+        self._answers = answers
         self._world = world
         self._rng = np.random.default_rng((seed, 0x0E7A))
         self._listener = DaemonClient(daemon_socket)
         self._thread = threading.Thread(target=self._run, name="virtual-operator")
         self._thread.start()
+
+    @property
+    def connected(self) -> bool:
+        """True until the daemon has ended or `close` was called."""
+        return self._thread.is_alive()
 
     def close(self) -> None:
         """Stop answering: close the connection to the daemon and wait for the thread to end."""
@@ -65,7 +72,8 @@ class VirtualOperator:
                         answers.call("prompt.answer", prompt_id=event["prompt_id"], ok=False, text=text)
                         continue
                     self._place(event)
-                    answers.call("prompt.answer", prompt_id=event["prompt_id"], ok=True)
+                    if self._answers:
+                        answers.call("prompt.answer", prompt_id=event["prompt_id"], ok=True)
 
     def _place(self, prompt: dict[str, Any]) -> None:
         yaw = self._rng.normal(0.0, YAW_SD_RAD)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from acquire.virtual.layers import cut_lines
 
@@ -47,6 +48,18 @@ class FaceGroup:
     group"""
     right_face: NDArray[np.int64]
     """(m,) index of the face on the other side of the piece; f if it is in another group"""
+
+
+def hull_mesh(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Convex hull of points (n, 3) [m] as a mesh: vertices (v, 3) and triangles (t, 3), normals outward."""
+    hull = ConvexHull(points)
+    used, faces = np.unique(hull.simplices, return_inverse=True)
+    vertices, faces = points[used], faces.reshape(-1, 3)
+    corners = vertices[faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = np.sum(normal * hull.equations[:, :3], axis=1) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    return vertices, faces
 
 
 def face_groups(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[FaceGroup, ...]:

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from acquire.virtual.backdrop import LIGHT_WORLD
-from acquire.virtual.layers import Layer, Outline, compose, filled_layer, overlay
-from acquire.virtual.render_mesh import FaceGroup, face_groups
+from acquire.virtual.layers import Layer, Outline, compose, filled_layer, masked, overlay
+from acquire.virtual.render_mesh import FaceGroup, face_groups, hull_mesh
 from acquire.virtual.render_tag import Lines, tag_lines
 
 if TYPE_CHECKING:
@@ -26,6 +26,11 @@ _AMBIENT = 0.5
 _SHADES = 5.0
 """step between the grey levels of faces, about twice the noise: neighbours of equal shade need no boundary,
 so that a round wall has few"""
+_ON_FACE_M = 0.002
+"""distance of a card's middle from a part's face up to which the card may lie on it [m]"""
+_OVER_CARD = 0.1
+"""height over a card's plane, as a fraction of the tag's edge, from which on a part can hide the card: on a
+round wall the card's rim stands off the surface"""
 
 
 @dataclass(frozen=True)
@@ -40,12 +45,17 @@ class _Card:
     """(n, 3) points of the tag's lines [m, in O]"""
     lines: Lines
     """boundary lines of the tag, as indices of `points`"""
+    size_m: float
+    """edge of the black square [m]"""
+    sunken: bool
+    """True if the card lies in a hollow that its group fills"""
 
 
 class ObjectPainter:
     """Painter of image layers of one object with its tags, and of its shadow.
 
-    Not modelled: the rounding of edges, print on the faces, gloss, light reflected between faces.
+    A mesh with hollows is drawn as convex parts, which fill small hollows. Not modelled: the rounding of
+    edges, print on the faces, gloss, light reflected between faces.
 
     Args:
         virtual_object: the object; tags without a given pose on it are not drawn.
@@ -56,7 +66,11 @@ class ObjectPainter:
 
     def __init__(self, virtual_object: VirtualObject, lens: Lens, width: int, height: int) -> None:
         self._lens, self._width, self._height = lens, width, height
-        self._groups = face_groups(virtual_object.mesh_vertices, virtual_object.mesh_faces)
+        self._parts = virtual_object.drawn_parts
+        if self._parts is None:
+            self._groups = face_groups(virtual_object.mesh_vertices, virtual_object.mesh_faces)
+        else:
+            self._groups = tuple(face_groups(*hull_mesh(part))[0] for part in self._parts.corners)
         self._cards: list[_Card] = []
         for marker in virtual_object.spec.marker:
             if marker.T_object_marker is None:
@@ -64,8 +78,12 @@ class ObjectPainter:
             T = np.array(marker.T_object_marker)
             lines = tag_lines(marker.family, marker.id)
             points = lines.points * (marker.size_m / lines.tag_cells) @ T[:3, :2].T + T[:3, 3]
-            self._cards.append(_Card(self._nearest_group(T[:3, 3]), T, points, lines))
+            group = self._nearest_group(T[:3, 3]) if self._parts is None else self._part_below(T)
+            sunken = self._parts is not None and _reaches_over(self._groups[group], T, marker.size_m)
+            self._cards.append(_Card(group, T, points, lines, marker.size_m, sunken))
         self._vertices = virtual_object.mesh_vertices
+        self._triangles = virtual_object.mesh_vertices[virtual_object.mesh_faces]
+        self._edges = self._triangles[:, 1:] - self._triangles[:, :1]
 
     def layer(self, p_world_object: NDArray[np.float64], R_world_object: NDArray[np.float64]) -> Layer | None:
         """Image layer (grey levels and cover) of object and tags, averaged over the k poses of an exposure.
@@ -85,6 +103,9 @@ class ObjectPainter:
         def distance(g: int) -> float:
             return float(np.linalg.norm(self._groups[g].vertices.mean(axis=0) - camera_object))
 
+        if self._parts is not None:
+            return self._layer_of_parts(self._parts.front_to_back(camera_object), camera_object, R, pose)
+
         def faces_camera(card: _Card) -> bool:
             return bool((camera_object - card.T_object_marker[:3, 3]) @ card.T_object_marker[:3, 2] > 0)
 
@@ -98,6 +119,43 @@ class ObjectPainter:
             else:
                 drawn += cards
         return compose(drawn) if drawn else None
+
+    def _layer_of_parts(
+        self,
+        order: list[int],
+        camera_object: NDArray[np.float64],
+        R: NDArray[np.float64],
+        pose: tuple[NDArray[np.float64], NDArray[np.float64]],
+    ) -> Layer | None:
+        """Image layer of an object that is drawn as convex parts, with its tags; None if out of view.
+
+        A tag is hidden by those parts before its own that reach over the plane of its card; the parts beside
+        it in the same face do not hide it. A tag in a hollow that its own part fills is hidden as a whole, if
+        the surface hides its middle.
+
+        Args:
+            order: numbers of the parts from front to back.
+            camera_object: (3,) position of the camera in O, the object's frame, in the middle pose [m].
+            R: (3, 3) rotation from O to W of the middle pose.
+            pose: positions (k, 3) [m] and rotations (k, 3, 3) of the poses.
+        """
+        surfaces = {g: self._group(self._groups[g], camera_object, R, pose) for g in order}
+        visible = [layer for g in order if (layer := surfaces[g]) is not None]
+        cards: list[Layer] = []
+        for card in self._cards:
+            T = card.T_object_marker
+            drawn = self._card(card, R, pose) if (camera_object - T[:3, 3]) @ T[:3, 2] > 0 else None
+            if drawn is None or (card.sunken and self._hidden(T, camera_object)):
+                continue
+            over = [
+                layer
+                for g in order[: order.index(card.group)]
+                if (layer := surfaces[g]) is not None and _reaches_over(self._groups[g], T, card.size_m)
+            ]
+            cards.append(masked(drawn, over))
+        if not visible:
+            return None
+        return overlay(compose(visible), cards)
 
     def shadow(
         self, p_world_object: NDArray[np.float64], R_world_object: NDArray[np.float64]
@@ -135,6 +193,44 @@ class ObjectPainter:
         gaps = [np.linalg.norm(np.maximum(0.0, np.maximum(low - point, point - high))) for low, high in boxes]
         return int(np.argmin(gaps))
 
+    def _part_below(self, T_object_marker: NDArray[np.float64]) -> int:
+        """Number of the convex part on which a card lies: one has a face there that looks the card's way.
+
+        Where parts meet, several touch the card's middle.
+
+        Args:
+            T_object_marker: (4, 4) pose of the card in O, the object's frame [m].
+        """
+        best = (-2.0, -np.inf)
+        found = 0
+        for number, group in enumerate(self._groups):
+            heights = np.sum((T_object_marker[:3, 3] - group.face_point) * group.face_normal, axis=1)
+            alike = group.face_normal @ T_object_marker[:3, 2]
+            gap = float(heights.max())
+            fits = float(alike[heights > gap - _ON_FACE_M].max()) if abs(gap) < _ON_FACE_M else -1.0
+            if (fits, -abs(gap)) > best:
+                best, found = (fits, -abs(gap)), number
+        return found
+
+    def _hidden(self, T_object_marker: NDArray[np.float64], camera_object: NDArray[np.float64]) -> bool:
+        """True if the object's surface hides the middle of a card from the camera.
+
+        Args:
+            T_object_marker: (4, 4) pose of the card in O, the object's frame [m].
+            camera_object: (3,) position of the camera in O [m].
+        """
+        start = T_object_marker[:3, 3] + _ON_FACE_M * T_object_marker[:3, 2]
+        origin, edge, other = self._triangles[:, 0], self._edges[:, 0], self._edges[:, 1]
+        ray = camera_object - start
+        across = np.cross(ray, other)
+        area = np.sum(edge * across, axis=1)
+        area = np.where(area == 0, np.inf, area)
+        near = start - origin
+        turned = np.cross(near, edge)
+        u, v = np.sum(near * across, axis=1) / area, turned @ ray / area
+        reach = np.sum(other * turned, axis=1) / area
+        return bool(((u >= 0) & (v >= 0) & (u + v <= 1) & (reach > 0) & (reach < 1)).any())
+
     def _pixels(
         self, points: NDArray[np.float64], pose: tuple[NDArray[np.float64], NDArray[np.float64]]
     ) -> NDArray[np.float64]:
@@ -170,6 +266,18 @@ class ObjectPainter:
         pixels = self._pixels(group.points, pose)
         outline = Outline(pixels[:, group.start[used]], pixels[:, group.end[used]], step[used], cover[used])
         return filled_layer(outline, self._width, self._height)
+
+
+def _reaches_over(group: FaceGroup, T_object_marker: NDArray[np.float64], size_m: float) -> bool:
+    """True if faces reach over the plane of a card, by more than a card's rim stands off a round wall.
+
+    Args:
+        group: the faces.
+        T_object_marker: (4, 4) pose of the card in O, the object's frame [m].
+        size_m: edge of the tag's black square [m].
+    """
+    heights = (group.vertices - T_object_marker[:3, 3]) @ T_object_marker[:3, 2]
+    return bool(heights.max() > _OVER_CARD * size_m)
 
 
 def _shade(normal_world: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 
 from acquire.errors import AcquireError
 from acquire.virtual.contact_shape import contact_centres
-from acquire.virtual.station import ARM_INERTIA_KG_M2, ARM_LENGTH_M, G_M_S2, TIP_RADIUS_M
+from acquire.virtual.station import ARM_LENGTH_M, G_M_S2, TIP_RADIUS_M
 from acquire.virtual.world_model import ARM_DAMPING, ARM_MASS_KG, TIMESTEP_S, model_xml
 from acquire.virtual.world_state import StrikerContact, WorldState
 
@@ -281,9 +281,9 @@ class World:
         """
         angle, velocity = self.arm()
         for _ in range(_SUBSTEPS):
-            acceleration = (torque - self._arm_gravity * math.sin(angle)) / ARM_INERTIA_KG_M2
+            acceleration = (torque - self._arm_gravity * math.sin(angle)) / self._thing.arm_inertia_kg_m2
             velocity = (velocity + TIMESTEP_S * acceleration) / (
-                1 + TIMESTEP_S * ARM_DAMPING / ARM_INERTIA_KG_M2
+                1 + TIMESTEP_S * ARM_DAMPING / self._thing.arm_inertia_kg_m2
             )
             angle += TIMESTEP_S * velocity
         self._qpos[7], self._qvel[6] = angle, velocity

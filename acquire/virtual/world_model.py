@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from acquire.virtual.contact_shape import contact_centres
-from acquire.virtual.station import ARM_INERTIA_KG_M2, ARM_LENGTH_M, TIP_RADIUS_M
+from acquire.virtual.station import ARM_LENGTH_M, TIP_RADIUS_M
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -53,7 +53,7 @@ def model_xml(virtual_object: VirtualObject, gravity_world: NDArray[np.float64])
         f'<geom {sphere} pos="{_numbers(centre)}"/>' for centre in contact_centres(virtual_object)
     )
     meshes, shapes = _striker_shapes(virtual_object)
-    arm_armature = ARM_INERTIA_KG_M2 - ARM_MASS_KG * (ARM_LENGTH_M / 2) ** 2
+    arm_armature = virtual_object.arm_inertia_kg_m2 - ARM_MASS_KG * (ARM_LENGTH_M / 2) ** 2
     return f"""<mujoco>
 <option timestep="{TIMESTEP_S}" integrator="implicitfast" cone="elliptic" impratio="100"
         gravity="{_numbers(gravity_world)}" tolerance="1e-12" iterations="50"/>

@@ -27,7 +27,8 @@ import numpy as np
 
 from acquire.errors import AcquireError
 from acquire.virtual.dynamixel_servo import DynamixelServo, HardwareError
-from acquire.virtual.objects import OBJECT_NAMES, VirtualObject, load_object
+from acquire.virtual.object_archive import open_object
+from acquire.virtual.objects import VirtualObject
 from acquire.virtual.pose_ring import PoseRing
 from acquire.virtual.station import station
 from acquire.virtual.truth_file import TruthWriter
@@ -298,6 +299,7 @@ def truth_body(virtual_object: VirtualObject, seed: int, table_tilt: tuple[float
     """
     body = virtual_object.body
     normal, offset = body.region_plane
+    camera = station(seed, virtual_object.camera_distance_m)
     return pb.TruthBody(
         mass_kg=body.mass_kg,
         com_object=body.com_object,
@@ -309,7 +311,7 @@ def truth_body(virtual_object: VirtualObject, seed: int, table_tilt: tuple[float
         friction=virtual_object.friction,
         table_tilt_x_rad=table_tilt[0],
         table_tilt_y_rad=table_tilt[1],
-        T_camera_world=np.linalg.inv(station(seed).T_world_camera).ravel(),
+        T_camera_world=np.linalg.inv(camera.T_world_camera).ravel(),
         seed=seed,
     )
 
@@ -320,7 +322,7 @@ def main() -> None:
     It is asked by SIGTERM, SIGINT or the request "quit" on its control socket; it also ends with its parent.
     """
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--object", choices=OBJECT_NAMES, required=True, help="object to simulate")
+    parser.add_argument("--object", required=True, help="name of an object, or its .npz file")
     parser.add_argument("--seed", type=int, required=True, help="seed of object, station and servo noise")
     parser.add_argument("--dir", type=Path, required=True, help="folder for the run's files")
     parser.add_argument(
@@ -332,8 +334,12 @@ def main() -> None:
     )
     arguments = parser.parse_args()
     tilt_x, tilt_y = np.radians(arguments.tilt_deg)
+    try:
+        virtual_object = open_object(arguments.object, arguments.seed)
+    except AcquireError as error:
+        sys.exit(str(error))
     process = WorldProcess(
-        load_object(arguments.object, arguments.seed),
+        virtual_object,
         arguments.seed,
         arguments.dir,
         table_tilt=(float(tilt_x), float(tilt_y)),

@@ -31,9 +31,10 @@ def shape(object_file: Path, output: Path | None, as_json: bool) -> None:
     from analyze.reading.object_file import read_object_files
     from schemas.output_file import write_bytes
 
+    refuse_outputs([output], inputs=[object_file])
     files = read_object_files(object_file)
-    from_file = [] if files.shape_bytes is None else [object_file.parent / str(files.spec.shape.file)]
-    refuse_outputs([output], inputs=[object_file, *from_file])
+    if files.spec.shape.file is not None:
+        refuse_outputs([output], inputs=[object_file.parent / files.spec.shape.file])
     model = load_object_model(files.spec, files.shape_bytes, files.shape_name)
     refuse_off_surface(model, files.spec)
     if output is not None:

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from acquire import demo
 from acquire.camera.base import CameraInfo
 from acquire.cli import main
+from acquire.virtual import devices
 
 
 @pytest.fixture
@@ -89,5 +89,5 @@ def test_demo_removes_folders_of_killed_demos(tmp_path: Path) -> None:
     for folder in (left, mine, *others[:2]):
         (folder / "run").mkdir(parents=True)
     others[2].symlink_to(mine)
-    demo._remove_leftovers(tmp_path)
+    devices.remove_leftovers(tmp_path, "percuss-demo-")
     assert set(tmp_path.iterdir()) == {mine, *others}

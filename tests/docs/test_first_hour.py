@@ -31,12 +31,15 @@ FRONT = ("README.md", "docs/index.md", "docs/tutorial/virtual-rig.md")
 PHONE = "docs/tutorial/phone.md"
 HOW_TO = sorted(page.relative_to(ROOT).as_posix() for page in (DOCS / "how-to").glob("*.md"))
 NEEDS_A_RIG, NEEDS_A_CLUSTER = "needs a camera and a striker", "needs other computers"
+SEVERAL_TERMINALS = "needs several terminals: tests/system/test_rehearsal.py"
 NEEDS_OTHER_FILES = "needs videos or images that no test renders"
 NOT_RUN = {
     ("docs/how-to/cluster.md", ".*"): NEEDS_A_CLUSTER,
     ("docs/how-to/hardware.md", "PERCUSS_RIG=.*"): NEEDS_A_RIG,
     ("docs/how-to/rig.md", "acquire .*"): NEEDS_A_RIG,
     ("docs/how-to/session.md", "acquire .*"): NEEDS_A_RIG,
+    ("docs/how-to/virtual-rig.md", "acquire (virtual|check|run|session|status|stop) .*"): SEVERAL_TERMINALS,
+    ("docs/how-to/virtual-rig.md", "analyze (plan|report) .*"): SEVERAL_TERMINALS,
     ("docs/how-to/plan.md", "acquire session .*"): NEEDS_A_RIG,
     ("docs/how-to/plan.md", "analyze estimate teabox.mcap more.mcap"): NEEDS_A_RIG,
     ("docs/how-to/register-tags.md", "(acquire|analyze) .*"): NEEDS_A_RIG,

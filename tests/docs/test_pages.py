@@ -15,6 +15,7 @@ from pathlib import Path
 import click
 import pytest
 
+from acquire.virtual.given_truth import GivenTruth
 from schemas.object_spec import ObjectSpec
 from schemas.quantity import RENAMED, RenamedDocument
 from schemas.rig import RigConfig
@@ -114,6 +115,8 @@ def test_toml_and_python_snippets_are_valid(page: Path):
             RigConfig.model_validate(found)
         elif "shape" in found:
             ObjectSpec.model_validate(found)
+        elif "truth" in found:
+            GivenTruth.model_validate(found["truth"])
         else:
             assert set(found) <= set(ObjectSpec.model_fields) | set(RigConfig.model_fields) | {"marker"}
 

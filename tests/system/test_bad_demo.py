@@ -138,7 +138,7 @@ def test_wrong_usage_is_one_line_and_code_2() -> None:
         (
             acquire,
             ["demo", "--object", "teapot", "-o", "x.mcap"],
-            r"acquire: .*'teapot' is not one of .* \(see acquire demo --help\)",
+            r"acquire: .*'teapot' is not one of carton, .*, nor .* \(see acquire demo --help\)",
         ),
         (acquire, ["demo"], r"acquire: Missing option '-o' / '--output' \(see acquire demo --help\)"),
         (

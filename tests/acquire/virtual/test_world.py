@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from acquire.errors import AcquireError
 from acquire.virtual import world as world_module
 from acquire.virtual.objects import load_object
+from acquire.virtual.station import ARM_INERTIA_KG_M2
 from acquire.virtual.world import World
 
 G = 9.81
@@ -216,7 +217,7 @@ def test_one_strike_is_one_contact_with_the_impulse_that_the_arm_lost(name, heig
     )
     arm_speed = [world_module.ARM_LENGTH_M * states[n].arm_velocity for n in (i, j)]
     assert contact.impulse_n_s == pytest.approx(
-        world_module.ARM_INERTIA_KG_M2 / world_module.ARM_LENGTH_M**2 * -np.diff(arm_speed)[0], rel=0.05
+        ARM_INERTIA_KG_M2 / world_module.ARM_LENGTH_M**2 * -np.diff(arm_speed)[0], rel=0.05
     )
     assert contact.p_world_contact[2] == pytest.approx(height, abs=0.003)
     assert np.linalg.norm(states[i].linear_velocity) < 1e-4

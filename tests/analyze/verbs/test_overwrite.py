@@ -17,6 +17,7 @@ from tests.places import FIRST_SAMPLE
 
 SAMPLE = str(FIRST_SAMPLE)
 WRITERS = {
+    ("shape", "-o"): ["shape", "object.toml"],
     ("plan", "-o"): ["plan", "object.toml"],
     ("plan", "--rerun"): ["plan", "object.toml"],
     ("estimate", "--voxels"): ["estimate", SAMPLE],

@@ -1,0 +1,69 @@
+"""Options of the commands that start a virtual rig: object, truth file, seed, camera address."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+_OBJECTS = ("carton", "spray", "juice", "salt", "parcel")
+"""objects that come with the program"""
+
+
+class _ObjectName(click.ParamType):
+    """Name of an object that comes with the program, or path of an object file (.toml)."""
+
+    name = "NAME|FILE"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the value, if it can be one of the two.
+
+        Raises:
+            click.BadParameter: it is neither.
+        """
+        if value not in _OBJECTS and not str(value).endswith(".toml") and not Path(value).is_file():
+            self.fail(
+                f"{value!r} is not one of {', '.join(_OBJECTS)}, nor an object file (.toml)", param, ctx
+            )
+        return str(value)
+
+
+def virtual_options(command: Any) -> Any:
+    """Decorator that adds the options of a virtual rig: object, truth file, seed, camera address."""
+    for option in (
+        click.option(
+            "--address", default="127.0.0.1", help="Loopback address of the virtual camera; one per rig."
+        ),
+        click.option(
+            "--seed", default=1, type=click.IntRange(0), help="Seed of everything random in the virtual rig."
+        ),
+        click.option(
+            "--truth",
+            type=click.Path(path_type=Path),
+            help="Hidden masses of your own object (TOML, table [truth]).  [default: drawn from the seed]",
+        ),
+        click.option(
+            "--object",
+            "object_name",
+            default="carton",
+            show_default=True,
+            type=_ObjectName(),
+            help="What to strike: carton, spray, juice, salt, parcel (which holds lumps), or an object file "
+            "of your own (.toml).",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def refuse_truth_of_ours(object_name: str, truth: Path | None) -> None:
+    """Refuse a truth file for an object that comes with the program.
+
+    Raises:
+        click.UsageError: there is such a file.
+    """
+    if truth is not None and object_name in _OBJECTS:
+        raise click.UsageError(
+            f"--truth is for an object file of your own: the masses of the {object_name} come from the seed"
+        )

@@ -1,0 +1,223 @@
+"""Start of the virtual rig's devices: its object, world and camera, and the rig file that describes them."""
+
+from __future__ import annotations
+
+import contextlib
+import ipaddress
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from acquire.errors import ConfigError
+from acquire.virtual.object_archive import SUFFIX, save_object
+from acquire.virtual.objects import OBJECT_NAMES, VirtualObject, load_object
+from acquire.virtual.own_object import read_own_object
+from acquire.virtual.processes import running_process
+from acquire.virtual.station import calibration_sheet
+
+
+@dataclass(frozen=True)
+class DeviceOptions:
+    """Choice of a virtual rig: its object, the seed of everything random, the camera's address."""
+
+    object_name: str
+    """name of an object that comes with the program, or path of an object file"""
+    seed: int
+    """seed of everything random in the virtual rig"""
+    address: str
+    """loopback address of the virtual camera, one per rig"""
+    truth_path: Path | None = None
+    """truth file of a user's object; None to draw from the seed what its object file does not state"""
+
+
+@dataclass(frozen=True)
+class Devices:
+    """Object and folder of a virtual rig, and the start of its processes."""
+
+    options: DeviceOptions
+    folder: Path
+    """folder of the rig's files and sockets"""
+    virtual_object: VirtualObject
+    object_path: Path
+    """object file to plan and measure with"""
+    notes: tuple[str, ...]
+    """what the user should know about the object"""
+
+    @property
+    def socket(self) -> Path:
+        """Path of the daemon's socket, as the rig file gives it."""
+        return self.folder / "run" / "daemon.sock"
+
+    @contextlib.contextmanager
+    def world(self, rig_path: Path, recordings: Path | None = None) -> Iterator[None]:
+        """Run the simulated world during the block, and write the rig file.
+
+        Args:
+            rig_path: rig file to write.
+            recordings: folder of recordings that the rig file names; None to name none.
+
+        Raises:
+            AcquireError: the world did not start.
+        """
+        with running_process(
+            "world", self.folder, "acquire.virtual.world_process", *self._arguments()
+        ) as ready:
+            thing = self.virtual_object
+            sheet = calibration_sheet(self.options.seed, thing.camera_distance_m, thing.arm_inertia_kg_m2)
+            text = rig_toml(sheet, self.options.address, ready["port"], self.socket)
+            if recordings is not None:
+                entry = f"[recorder]\ndirectory = {json.dumps(str(recordings.resolve()))}"
+                text = text.replace("[recorder]", entry)
+            rig_path.write_text(text, encoding="utf-8")
+            yield
+
+    @contextlib.contextmanager
+    def camera(self) -> Iterator[None]:
+        """Run the simulated camera during the block; the world must run.
+
+        Raises:
+            AcquireError: the camera did not start.
+        """
+        arguments = [*self._arguments(), "--address", self.options.address]
+        with running_process("camera", self.folder, "acquire.virtual.camera_process", *arguments):
+            yield
+
+    def _arguments(self) -> list[str]:
+        name = self.options.object_name
+        if name not in OBJECT_NAMES:
+            name = str(self.folder / f"virtual-object{SUFFIX}")
+        seed, parent = str(self.options.seed), str(os.getpid())
+        return ["--object", name, "--seed", seed, "--dir", str(self.folder), "--parent", parent]
+
+
+def prepare_devices(options: DeviceOptions, folder: Path) -> Devices:
+    """Make the object of a virtual rig, and write its files; nothing is started.
+
+    Args:
+        options: object, seed and address.
+        folder: folder of the rig's files and sockets.
+
+    Raises:
+        ConfigError: the address is not a loopback address, or the object cannot be simulated.
+    """
+    refuse_other_address(options.address)
+    if options.object_name in OBJECT_NAMES:
+        virtual_object, object_path = load_object(options.object_name, options.seed), folder / "object.toml"
+        _write_object(virtual_object, object_path)
+        return Devices(options, folder, virtual_object, object_path, ())
+    own = read_own_object(Path(options.object_name), options.seed, options.truth_path, folder)
+    save_object(own.virtual, folder / f"virtual-object{SUFFIX}")
+    return Devices(options, folder, own.virtual, own.object_path, own.notes)
+
+
+def rig_toml(sheet: dict[str, Any], address: str, port: str, socket: Path) -> str:
+    """Text of the rig file (TOML) that a person would write for the virtual rig.
+
+    Args:
+        sheet: calibrated values of the rig: gravity, friction, camera and striker.
+        address: address of the virtual camera.
+        port: serial port of the virtual servo.
+        socket: path of the daemon's socket.
+    """
+    camera, striker = sheet["camera"], sheet["striker"]
+    return f"""# The virtual rig, described as a real one would be.
+name = "virtual"
+g_m_s2 = {sheet["g_m_s2"]}
+g_sd_m_s2 = 0.001
+gravity_tilt_sd_rad = 0.0005
+table_friction = {sheet["table_friction"]}
+
+[camera]
+name = "main"
+address = "{address}"
+width = {camera["width"]}
+height = {camera["height"]}
+frame_rate_hz = 120.0
+exposure_us = 1500.0
+
+[camera.calibration]
+width = {camera["width"]}
+height = {camera["height"]}
+K = {json.dumps(camera["K"])}
+distortion = {json.dumps(camera["distortion"])}
+T_world_camera = {json.dumps(camera["T_world_camera"])}
+strain_sd = 1e-4
+
+[striker]
+kind = "dynamixel"
+port = "{port}"
+arm_length_m = {striker["arm_length_m"]}
+effective_mass_kg = {striker["effective_mass_kg"]:.4g}
+effective_mass_sd_kg = 0.05
+restitution = 0.4
+
+[recorder]
+pre_trigger_s = 0.1
+
+[daemon]
+socket = "{socket}"
+"""
+
+
+@contextlib.contextmanager
+def run_folder(prefix: str) -> Iterator[Path]:
+    """Temporary folder of a virtual rig's files and sockets, deleted at the end of the block.
+
+    Folders that killed virtual rigs of this user have left are deleted first.
+
+    Args:
+        prefix: start of the folder's name; process id and random letters follow.
+    """
+    remove_leftovers(Path(tempfile.gettempdir()), prefix)
+    folder = Path(tempfile.mkdtemp(prefix=f"{prefix}{os.getpid()}-"))
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def remove_leftovers(temporary: Path, prefix: str) -> None:
+    """Delete the folders in `temporary` that this user's killed virtual rigs have left.
+
+    A folder's name holds the process id of its program; folders of running processes stay. The other
+    processes of a killed rig end by themselves.
+
+    Args:
+        temporary: folder in which the folders lie.
+        prefix: start of their names.
+    """
+    for folder in temporary.glob(f"{prefix}*-*"):
+        pid = folder.name.removeprefix(prefix).partition("-")[0]
+        with contextlib.suppress(OSError):
+            ours = folder.lstat().st_uid == os.getuid() and folder.is_dir() and not folder.is_symlink()
+            if ours and pid.isdecimal() and not Path(f"/proc/{pid}").exists():
+                shutil.rmtree(folder, ignore_errors=True)
+
+
+def _write_object(virtual_object: VirtualObject, path: Path) -> None:
+    path.write_text(virtual_object.spec_toml, encoding="utf-8")
+    if virtual_object.shape_file is not None:
+        name, data = virtual_object.shape_file
+        (path.parent / name).write_bytes(data)
+
+
+def refuse_other_address(address: str) -> None:
+    """Refuse an address of the virtual camera that is not a loopback address.
+
+    Raises:
+        ConfigError: it is another address, or none.
+    """
+    try:
+        fits = ipaddress.IPv4Address(address).is_loopback
+    except ValueError:
+        fits = False
+    if not fits:
+        raise ConfigError(
+            f"{address}: the virtual camera needs a loopback address: "
+            "give one from 127.0.0.1 to 127.255.255.254"
+        )

@@ -1,0 +1,90 @@
+"""File that hands a virtual object over to the processes of the virtual rig."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from acquire.errors import AcquireError
+from acquire.virtual.convex_parts import ConvexParts
+from acquire.virtual.hidden import HiddenBody
+from acquire.virtual.objects import OBJECT_NAMES, VirtualObject, load_object
+from schemas.object_spec import ObjectSpec
+
+SUFFIX = ".npz"
+
+
+def save_object(virtual_object: VirtualObject, path: Path) -> None:
+    """Write a virtual object to a file that `open_object` reads; its name ends in .npz."""
+    body, parts = virtual_object.body, virtual_object.drawn_parts
+    np.savez(
+        path,
+        spec=virtual_object.spec.model_dump_json(),
+        spec_toml=virtual_object.spec_toml,
+        mesh_vertices=virtual_object.mesh_vertices,
+        mesh_faces=virtual_object.mesh_faces,
+        hull_vertices=virtual_object.hull_vertices,
+        part_corners=np.concatenate(virtual_object.convex_parts),
+        part_sizes=[len(part) for part in virtual_object.convex_parts],
+        drawn=parts is not None,
+        tree=np.zeros((0, 4)) if parts is None else parts.tree,
+        numbers=[
+            virtual_object.edge_radius_m,
+            virtual_object.friction,
+            virtual_object.camera_distance_m,
+            virtual_object.arm_inertia_kg_m2,
+        ],
+        com=body.com_object,
+        inertia=body.inertia_com,
+        masses=[body.mass_kg, *body.region_masses],
+        plane=[*body.region_plane[0], body.region_plane[1]],
+        shell=body.shell_thickness_m,
+    )
+
+
+def open_object(name: str, seed: int) -> VirtualObject:
+    """Virtual object by the name of one that comes with the program, or from a file of `save_object`.
+
+    Args:
+        name: one of OBJECT_NAMES, or the path of a file.
+        seed: seed of the mass distribution and friction of an object given by its name.
+
+    Raises:
+        AcquireError: there is no such object or file.
+    """
+    if name in OBJECT_NAMES or not name.endswith(SUFFIX):
+        return load_object(name, seed)
+    try:
+        data = np.load(name, allow_pickle=False)
+    except OSError as error:
+        raise AcquireError(
+            f"{name}: cannot be read ({error.strerror}): start the virtual rig again"
+        ) from None
+    with data:
+        ends = np.cumsum(data["part_sizes"])[:-1]
+        parts = tuple(np.split(data["part_corners"], ends))
+        mass, *regions = (float(value) for value in data["masses"])
+        radius, friction, distance, arm = (float(value) for value in data["numbers"])
+        return VirtualObject(
+            spec=ObjectSpec.model_validate_json(str(data["spec"])),
+            spec_toml=str(data["spec_toml"]),
+            shape_file=None,
+            mesh_vertices=data["mesh_vertices"],
+            mesh_faces=data["mesh_faces"],
+            hull_vertices=data["hull_vertices"],
+            convex_parts=parts,
+            edge_radius_m=radius,
+            friction=friction,
+            body=HiddenBody(
+                mass,
+                data["com"],
+                data["inertia"],
+                (regions[0], regions[1], regions[2]),
+                (data["plane"][:3], float(data["plane"][3])),
+                float(data["shell"]),
+            ),
+            drawn_parts=ConvexParts(parts, data["tree"]) if data["drawn"] else None,
+            camera_distance_m=distance,
+            arm_inertia_kg_m2=arm,
+        )
