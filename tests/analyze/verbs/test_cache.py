@@ -53,9 +53,9 @@ def test_the_same_answer_is_not_computed_again(filled, fresh, monkeypatch):
 @pytest.mark.parametrize(
     "arguments",
     [
-        ("score", SAMPLE, "--json"),
-        ("report", SAMPLE, "--json"),
-        ("export", SAMPLE, "--format", "sdf", "-o", ""),
+        ("score", "--json"),
+        ("report", "--json"),
+        ("export", "--format", "urdf", "-o", "body.urdf"),
     ],
     ids=lambda arguments: arguments[0],
 )
