@@ -96,11 +96,15 @@ class StrikeResult(RenamedDocument, SparseDocument):
     fitted.
     """
 
-    left_out: ClassVar[tuple[str, ...]] = ("heading_rad", "prediction")
+    left_out: ClassVar[tuple[str, ...]] = ("heading_rad", "prediction", "edge_name")
 
     id: str = Field(description="id of the strike in the recording: plan strike and attempt, as `s3.1`")
     plan_strike_id: str = Field(description="id of the planned strike")
     axis_id: str = Field(description="name of the pivot edge")
+    edge_name: str | None = Field(
+        default=None,
+        description="the edge in words, as `bottom edge, +x side`; not written in older results",
+    )
     plane_id: str = Field(description="name of the face on which the object rested")
     heading_rad: float = Field(
         default=0.0, description="heading of object and striker on the table, as planned; 0 is not written"

@@ -14,9 +14,9 @@ from analyze.errors import ExportError
 from analyze.export.body import ExportBody, inertial_of
 from analyze.export.formats import Format, why_misnamed
 from analyze.export.provenance import provenance
-from analyze.export.urdf import inertial_element
 from analyze.export.write import write_body
 from analyze.least_squares.intervals import SIGMAS_95
+from analyze.result.urdf_inertial import inertial_element
 from analyze.types import TENSOR_ENTRIES, tensor_entry_name
 from schemas.software import software_version
 
@@ -240,7 +240,8 @@ class ObjectEstimate:
         Raises:
             ExportError: the mass or the moments are not physically possible.
         """
-        element = inertial_element(inertial_of(self._answer.result, self.name))
+        own = inertial_of(self._answer.result, self.name)
+        element = inertial_element(own.mass, own.com, own.inertia)
         ET.indent(element)
         return ET.tostring(element, encoding="unicode")
 

@@ -21,19 +21,22 @@ import numpy as np
 import pyarrow as pa
 from scipy.special import chdtrc, stdtr, stdtrit
 
+from analyze.result.digits import ScaledUnit
 from analyze.types import Array
 from schemas.session_manifest import TimeSource
 
 SECONDS_PER_DAY = 86400.0
 MAX_CHANCE_PROBABILITY = 1e-4
 """p-value below which scatter or drift is reported; low, since a table has hundreds of values"""
+INERTIA_UNIT = ScaledUnit(-6, "kg\u00a0m²")
+"""unit of all moments of inertia, so that objects can be compared"""
 QUANTITIES: tuple[tuple[str, str, str, float, str], ...] = (
     ("centre of mass x", "com_x_m", "com_sd_x_m", 1e3, "mm"),
     ("centre of mass y", "com_y_m", "com_sd_y_m", 1e3, "mm"),
     ("centre of mass z", "com_z_m", "com_sd_z_m", 1e3, "mm"),
-    ("Ixx", "ixx_kg_m2", "ixx_sd_kg_m2", 1e7, "g cm²"),
-    ("Iyy", "iyy_kg_m2", "iyy_sd_kg_m2", 1e7, "g cm²"),
-    ("Izz", "izz_kg_m2", "izz_sd_kg_m2", 1e7, "g cm²"),
+    ("Ixx", "ixx_kg_m2", "ixx_sd_kg_m2", INERTIA_UNIT.factor, INERTIA_UNIT.label),
+    ("Iyy", "iyy_kg_m2", "iyy_sd_kg_m2", INERTIA_UNIT.factor, INERTIA_UNIT.label),
+    ("Izz", "izz_kg_m2", "izz_sd_kg_m2", INERTIA_UNIT.factor, INERTIA_UNIT.label),
 )
 """per quantity: name, column of the results, column of its sd, factor from the column's unit to the shown
 one, shown unit"""
@@ -50,7 +53,7 @@ class Repeated:
     quantity: str
     """name of the quantity, such as Ixx"""
     unit: str
-    """unit of the quantity: mm, g cm² or g"""
+    """unit of the quantity: mm or 10⁻⁶ kg m²"""
     sessions: int
     """number of sessions with a value"""
     mean: float

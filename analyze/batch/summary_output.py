@@ -8,13 +8,16 @@ from itertools import groupby
 from pathlib import Path
 
 import pyarrow as pa
+from markupsafe import Markup
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from analyze.batch.query_output import plain_console, save_answer
 from analyze.batch.summary import Repeated, Summary
 from analyze.errors import ArchiveError
-from analyze.report.page import page_environment
+from analyze.report.archive_plots import outcomes_figure, scatter_figure
+from analyze.report.page import figure_element, page_environment
+from analyze.result.digits import decimals
 from schemas.output_file import write_text
 from schemas.terminal import Terminal
 from schemas.wording import counted
@@ -103,12 +106,14 @@ def _print_failures(console: Terminal, summary: Summary) -> None:
 def cells(each: Repeated) -> tuple[str, str, str, str, str]:
     """Texts for the table cells of a quantity's repeatability.
 
+    They have two digits of the smaller of the two standard deviations.
+
     Returns:
         Mean with unit; standard deviation from session to session; median of the standard deviations that the
         sessions' results state; chi-square per degree of freedom; drift per day ± half width of its 95 %
         interval, with unit. NaN is shown as "–".
     """
-    digits = 3 if each.unit == "mm" else 1
+    digits = decimals(min(sd for sd in (each.scatter, each.stated) if not math.isnan(sd)))
     drift = (
         "–"
         if math.isnan(each.drift)
@@ -157,7 +162,7 @@ def save_summary(summary: Summary, path: Path) -> list[Path]:
             path,
             page_environment()
             .get_template("archive.html")
-            .render(summary=summary, cells=cells, stands_out_text=stands_out_text),
+            .render(summary=summary, cells=cells, stands_out_text=stands_out_text, figures=_figures(summary)),
         )
         return [path]
     written: list[Path] = []
@@ -171,6 +176,21 @@ def save_summary(summary: Summary, path: Path) -> list[Path]:
         save_answer(pa.Table.from_pylist(rows, pa.schema(columns)), place)
         written.append(place)
     return written
+
+
+def _figures(summary: Summary) -> list[tuple[Markup, str]]:
+    """Plots of the page, each with its caption: scatter over stated sd, and outcomes of the recordings."""
+    ratios: dict[str, list[float]] = {}
+    for each in summary.repeated:
+        if each.scatter > 0 and each.stated > 0:
+            ratios.setdefault(each.quantity, []).append(each.scatter / each.stated)
+    failures = [(kind.replace("_", " "), many) for kind, many, _ in summary.failures]
+    outcomes = outcomes_figure(summary.recordings, failures)
+    found = [(figure_element(outcomes), "Recordings with a result, and without one by reason.")]
+    if ratios:
+        caption = "A point is one object: right of the line its sessions scatter more than they state."
+        found.insert(0, (figure_element(scatter_figure(ratios)), caption))
+    return found
 
 
 def _number(value: float, digits: int) -> str:

@@ -14,11 +14,13 @@ from analyze.cards import placing
 from analyze.cards.body import PlacedObject
 from analyze.cards.by_hand import force_margin, force_words, in_hand_words, picture_in_hand_words
 from analyze.cards.drawn_shape import drawn_shape
+from analyze.cards.edge_picture import edge_picture
 from analyze.cards.measures import plan_picture, side_picture
 from analyze.cards.placing import Sides
 from analyze.cards.scene import scene_picture
 from analyze.cards.setting import Setting, strike_setting
 from analyze.geometry.object_model import ObjectModel
+from analyze.planning.edge_names import edge_names
 from analyze.planning.footing import IF_IT_FALLS
 from schemas.object_spec import ObjectSpec
 from schemas.output_file import write_text
@@ -55,6 +57,10 @@ class Card:
     """Dimensioned picture as seen from above."""
     by_hand: bool
     """True for a hand and a phone in place of striker and camera: pictures and sentences name these."""
+    edge_name: str
+    """Name of the pivot edge that a person can point at."""
+    edge: Markup
+    """Small drawing of the object with the pivot edge marked, as an <svg> element."""
 
     @property
     def turned(self) -> bool:
@@ -202,6 +208,8 @@ def placement_cards(
         by_hand: True for strikes by hand that a phone films.
     """
     shape = drawn_shape(model)
+    names = edge_names(plan.strikes)
+    edges: dict[str, Markup] = {}
     drawn: dict[str, tuple[Setting, Markup, Markup, Markup]] = {}
     found: list[Card] = []
     for number, strike in enumerate(plan.strikes, start=1):
@@ -229,6 +237,9 @@ def placement_cards(
             scene, side, above = (Markup(each) for each in drawings)  # noqa: S704
             drawn[key] = (place, scene, side, above)
         place, scene, side, above = drawn[key]
+        name = names[strike.axis_id]
+        if strike.axis_id not in edges:
+            edges[strike.axis_id] = Markup(edge_picture(shape, spec, strike, name))  # noqa: S704 - as above
         before = found[-1] if found else None
         change = "" if before is None else placing.placement_change(before.place.body.R, place.body.R)
         if place.turned and not (before is not None and before.turned):
@@ -247,6 +258,8 @@ def placement_cards(
                 scene,
                 side,
                 above,
+                edge_name=name,
+                edge=edges[strike.axis_id],
                 by_hand=by_hand,
             )
         )

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from analyze.errors import ExportError
 from analyze.geometry.object_model import ObjectModel
+from analyze.result.urdf_inertial import is_possible
 from analyze.types import Array
 from schemas.result import Result
 
@@ -133,8 +134,8 @@ def refuse_impossible(inertial: Inertial, name: str) -> None:
     Raises:
         ExportError: mass or a principal moment is not above 0, or a moment exceeds the sum of the other two.
     """
-    least, middle, most = np.linalg.eigvalsh(inertial.inertia)
-    if not (inertial.mass > 0 and least > 0 and least + middle >= most):
+    if not is_possible(inertial.mass, inertial.inertia):
+        least, middle, most = np.linalg.eigvalsh(inertial.inertia)
         raise ExportError(
             f"{name}: {inertial.mass:g} kg with principal moments {least:.4g}, {middle:.4g}, {most:.4g} kg "
             "m2 is not physically possible: mass and moments must be above 0 and no moment above the sum of "

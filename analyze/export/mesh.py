@@ -8,9 +8,8 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 
-import numpy as np
-
 from analyze.export.body import ExportBody
+from analyze.result.urdf_inertial import numbers
 
 
 @dataclass(frozen=True)
@@ -35,9 +34,3 @@ def mesh_file(body: ExportBody) -> MeshFile | None:
     faces = "\n".join(f"f {a} {b} {c}" for a, b, c in (body.model.faces + 1).tolist())
     data = f"# metres, frame O\no {body.identifier}\n{vertices}\n{faces}\n".encode()
     return MeshFile(f"{body.identifier}-{hashlib.sha256(data).hexdigest()[:8]}.obj", data)
-
-
-def numbers(values: np.ndarray | list[float] | tuple[float, ...]) -> str:
-    """Text of numbers separated by blanks, with enough digits to be read back exactly; -0 becomes 0."""
-    # Adding 0.0 turns -0 into 0, which readers treat alike.
-    return " ".join(repr(float(value) + 0.0) for value in values)

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from analyze.export.provenance import provenance_text
-from analyze.export.xml_text import tensor_entries
+from analyze.result.urdf_inertial import tensor_entries
 
 if TYPE_CHECKING:
     from analyze.export.body import ExportBody

@@ -12,8 +12,9 @@ from __future__ import annotations
 from xml.etree import ElementTree as ET
 
 from analyze.export.body import ExportBody
-from analyze.export.mesh import MeshFile, numbers
-from analyze.export.xml_text import child, document, tensor_entries
+from analyze.export.mesh import MeshFile
+from analyze.export.xml_text import child, document
+from analyze.result.urdf_inertial import numbers, tensor_entries
 from schemas.object_spec import Box, Cylinder
 
 VERSION = "1.7"

@@ -5,9 +5,7 @@ from __future__ import annotations
 from xml.etree import ElementTree as ET
 
 from analyze.export.body import ExportBody
-from analyze.export.mesh import numbers
 from analyze.export.provenance import provenance_text
-from analyze.types import Array
 
 
 def document(root: ET.Element, body: ExportBody) -> str:
@@ -35,8 +33,3 @@ def child(parent: ET.Element, tag: str, text: str | None = None, **attributes: s
     element = ET.SubElement(parent, tag, attributes)
     element.text = text
     return element
-
-
-def tensor_entries(inertia: Array) -> dict[str, str]:
-    """Entries of `inertia` (3, 3) on and above its diagonal as text, by name: ixx, ixy and so on."""
-    return {f"i{'xyz'[i]}{'xyz'[j]}": numbers([inertia[i, j]]) for i in range(3) for j in range(i, 3)}

@@ -15,7 +15,8 @@ from analyze.geometry.rotations import wxyz_from_matrix
 from analyze.geometry.station import turned_camera
 from analyze.replay import views
 from analyze.replay.overlay import sharp_edges
-from analyze.replay.palette import BRIGHT, ORANGE, SKY, Colour
+from analyze.replay.palette import BRIGHT, GREY, REGIONS, SKY, Colour
+from analyze.result.headline import edge_labels
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from analyze.types import Array, CameraModel, Marker
     from schemas.strike_plan import PlannedStrike, StrikePlan
 
-_REGION_COLOURS = (ORANGE, SKY)
 _MIN_HALF_AXIS, _CROSS_HALF_LENGTH = 0.035, 0.12
 """Least half axis of the drawn ellipsoid and half length of the cross through it, as fractions of the longest
 extent of the object."""
@@ -124,10 +124,28 @@ def log_inside(
         outline = rr.LineStrips3D([np.vstack([cut, cut[:1]])], colors=[colour], radii=[0.0004])
         stream.log(f"{root}/planes{rr.new_entity_path([plane.strike_id])}", quad, outline, static=True)
     _centre(stream, root, model, answer, named=strike_id is None)
+    if strike_id is None:
+        _edge_labels(stream, root, answer)
     # The first region is the shell: the shape itself shows it.
-    for region, colour in zip(answer.regions[1:], _REGION_COLOURS, strict=False):
+    for region, colour in zip(answer.regions[1:], REGIONS, strict=False):
         points = rr.Points3D(region.points, colors=[colour], radii=[0.0007])
         stream.log(f"{root}/regions{rr.new_entity_path([region.name])}", points, static=True)
+
+
+def _edge_labels(stream: rr.RecordingStream, root: str, answer: DrawnAnswer) -> None:
+    """Name each struck edge at its place, with its strikes: the legend of the planes that start there."""
+    names = edge_labels(answer.result)
+    strikes: dict[str, list[str]] = {}
+    points: dict[str, Array] = {}
+    for plane in answer.planes:
+        strikes.setdefault(plane.axis_id, []).append(plane.strike_id)
+        points.setdefault(plane.axis_id, plane.point)
+    if points:
+        labels = [f"{names.get(axis_id, axis_id)}: {', '.join(strikes[axis_id])}" for axis_id in points]
+        marks = rr.Points3D(
+            list(points.values()), colors=[GREY], radii=[0.0012], labels=labels, show_labels=True
+        )
+        stream.log(f"{root}/edge_names", marks, static=True)
 
 
 def _centre(

@@ -207,7 +207,7 @@ def card_text(card: Card) -> str:
         f"{card.set_striker}\n\n**{strike.tip_speed_m_s.target:.2f} m/s** ({strike.tip_speed_m_s.min:.2f} to "
         f"{strike.tip_speed_m_s.max:.2f}); tips over at **{np.degrees(strike.phi_predicted_rad):.0f}° ± "
         f"{np.degrees(strike.phi_predicted_sd_rad):.0f}°**{precision}; needs friction µ of "
-        f"{strike.friction_needed:.2f} or more.\n\nstrike {strike.id}, axis {strike.axis_id}\n"
+        f"{strike.friction_needed:.2f} or more.\n\nstrike {strike.id}, {card.edge_name} ({strike.axis_id})\n"
     )
 
 

@@ -136,7 +136,8 @@ def _strike(page: StrikePage, reach: float) -> rrb.Horizontal:
 
 
 def _answer(centre: Array, reach: float) -> rrb.Horizontal:
-    name, eye = "Centre of mass: where the equi-planes meet; dots: regions", np.array([0.95, -1.25, 0.5])
+    name = "Where the equi-planes meet (colours: strikes, below); dots: yellow upper, violet lower region"
+    eye = np.array([0.95, -1.25, 0.5])
     return rrb.Horizontal(
         rrb.Vertical(
             scene_view("/result", name, centre + reach * eye, centre, hidden=[VOXELS]),

@@ -1,5 +1,9 @@
 """Colours of a replay: safe for colour-blind viewers (Okabe & Ito 2008), lightened for dark ground."""
 
+from __future__ import annotations
+
+import colorsys
+
 Colour = tuple[int, int, int]
 """Red, green and blue, 0 to 255."""
 
@@ -12,6 +16,10 @@ BLUE, ORANGE, GREEN, RED, PURPLE, SKY = (
     (120, 200, 240),
 )
 CYCLE = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED)
+_GOLDEN_TURN = 0.618034
+"""share of the circle of hues between successive colours beyond `CYCLE`, which keeps them apart"""
+REGIONS = ((250, 240, 165), (150, 135, 205))
+"""Pale yellow and violet, which no strike has: dots of the regions above and below the dividing plane."""
 BRIGHT = (255, 64, 54)
 GREY = (170, 178, 190)
 GROUND, INK = (22, 25, 30), (235, 238, 242)
@@ -47,3 +55,16 @@ SESSION = {
     "finished": 0x2FA97BFF,
     "aborted": 0xB03A3AFF,
 }
+
+
+def distinct_colour(number: int) -> Colour:
+    """Colour of a strike by its number from 0; no two of the first hundred are the same.
+
+    The first six are `CYCLE`'s. Later ones differ in hue by the golden section of the circle, and in
+    lightness from one to the next, on a dark ground.
+    """
+    if number < len(CYCLE):
+        return CYCLE[number]
+    lightness = (0.72, 0.58, 0.82)[number % 3]
+    red, green, blue = colorsys.hls_to_rgb((0.05 + _GOLDEN_TURN * number) % 1.0, lightness, 0.65)
+    return round(255 * red), round(255 * green), round(255 * blue)

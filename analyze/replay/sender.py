@@ -9,7 +9,7 @@ import rerun as rr
 
 from analyze.errors import AnalyzeError, PlanError, RecordingError
 from analyze.replay.layout import ANSWER, StrikePage, layout
-from analyze.replay.palette import CYCLE, Colour
+from analyze.replay.palette import Colour, distinct_colour
 from analyze.replay.pictures import ImageChoice, send_pictures
 from analyze.replay.session_scene import send_state_names
 from analyze.replay.timelines import Timelines, strike_path
@@ -104,7 +104,7 @@ class Sender:
         return None if self._body is None else self._body.model.bounds
 
     def _colours(self) -> dict[str, Colour]:
-        return {page.strike_id: CYCLE[number % len(CYCLE)] for number, page in enumerate(self._pages)}
+        return {page.strike_id: distinct_colour(number) for number, page in enumerate(self._pages)}
 
     def _send_progress(self, *, more: bool) -> None:
         self._send_text(

@@ -7,42 +7,58 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.least_squares.intervals import SIGMAS_95
+from analyze.result.digits import open_interval, with_interval
+from analyze.result.headline import edge_labels, further_warnings, headline
 from schemas.wording import counted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from analyze.types import TipMotion
-    from schemas.quantity import Quantity
     from schemas.result import Result
 
 
 def answer_text(name: str, result: Result) -> str:
-    """Markdown text of the page with the answer: centre of mass, quantities, verdict and warnings.
+    """Markdown text of the page with the answer: centre of mass, inertia tensor, verdict, masses, warnings.
 
     Args:
         name: name of the object, the heading.
         result: Result document of the estimate.
     """
+    shown, labels = headline(result), edge_labels(result)
     used = sum(strike.used for strike in result.strikes)
-    lines = [
-        f"# {name}",
-        "",
-        _headline(result.centre_of_mass),
-        *(f"\n**{sentence}**" for sentence in (result.verdict or [])[:1]),
-    ]
-    lines += ["", "| quantity | value | 95 % |", "|:--|--:|--:|"]
-    lines.append(_row("mass (given)" if result.mass.source == "given" else "mass", result.mass, 1e3, "g", 1))
-    lines += _centre(result.centre_of_mass)
+    lines = [f"# {name}", "", f"{shown.mass}; {used} of {counted(len(result.strikes), 'strike')} used."]
+    lines += ["", "## Centre of mass [mm]", "", "| x | y | z |", "|--:|--:|--:|"]
+    lines += [f"| {' | '.join(entry.text for entry in shown.com)} |", ""]
+    lines += [shown.com_note] * bool(shown.com_note)
     lines += [
-        _row(f"moment about c, axis {moment.axis_id}", moment.i_com, 1e7, "g cm²", 0)
-        for moment in result.moments
+        "",
+        f"## Inertia tensor about it [{shown.unit.label}]",
+        "",
+        "| | x | y | z |",
+        "|:--|--:|--:|--:|",
     ]
+    lines += [
+        f"| {axis} | {' | '.join(entry.marked for entry in row)} |"
+        for axis, row in zip("xyz", shown.tensor, strict=True)
+    ]
+    lines += ["", "| principal moment | along |", "|--:|--:|"]
+    lines += [f"| {each.moment.marked} | {each.direction} |" for each in shown.principal]
+    lines += ["", shown.tensor_note] * bool(shown.tensor_note)
+    lines += ["", *(f"- {sentence}" for sentence in result.verdict or [])]
     if result.regions is not None:
-        lines += [_row(f"mass: {region.name}", region.mass, 1e3, "g", 1) for region in result.regions.regions]
-    lines += ["", f"{used} of {counted(len(result.strikes), 'strike')} used.", ""]
-    lines += [f"- {sentence}" for sentence in (result.verdict or [])[1:]]
-    lines += [f"- *{warning.text}*" for warning in result.warnings]
+        lines += ["", "## Region masses [g]", "", "| region | 95 % |", "|:--|--:|"]
+        lines += [f"| {each.name} | {open_interval(each.mass, 1e3)} |" for each in result.regions.regions]
+    lines += ["", f"## Moments by edge [{shown.unit.label}]", ""]
+    lines += ["| edge | about the edge | about the centre of mass |", "|:--|--:|--:|"]
+    lines += [
+        f"| {labels[each.axis_id]} | {with_interval(each.i_edge, shown.unit.factor)} | "
+        f"{with_interval(each.i_com, shown.unit.factor)} |"
+        for each in result.moments
+    ]
+    if shown.urdf is not None:
+        lines += ["", "## For URDF, in kg and m", "", "```xml", shown.urdf, "```"]
+    lines += ["", *(f"- *{warning.text}*" for warning in further_warnings(result))]
     return "\n".join(lines)
 
 
@@ -109,44 +125,3 @@ def unread_text(strike_id: str, verdict: str, why: str) -> str:
     """
     session_verdict = f" Verdict of the session: {verdict}." if verdict else ""
     return f"**{strike_id}.**{session_verdict} {why}".strip()
-
-
-def _headline(centre: Quantity) -> str:
-    if not isinstance(centre.value, list) or not isinstance(centre.sd, list):
-        return "## Centre of mass: not observable"
-    values = ", ".join(f"{1e3 * value:.1f}" for value in centre.value if isinstance(value, float))
-    widest = max((SIGMAS_95 * 1e3 * sd for sd in centre.sd if isinstance(sd, float)), default=0.0)
-    return f"## Centre of mass ({values}) mm, each within ± {widest:.1f} mm"
-
-
-def _centre(centre: Quantity) -> list[str]:
-    if not isinstance(centre.value, list):
-        return []
-    spread = centre.sd if isinstance(centre.sd, list) else [None] * 3
-    return [
-        f"| centre of mass {axis} | {1e3 * value:.2f} mm | {_half(sd, 1e3, 2)} |"
-        for axis, value, sd in zip("xyz", centre.value, spread, strict=False)
-        if isinstance(value, float)
-    ]
-
-
-def _row(name: str, quantity: Quantity, factor: float, unit: str, digits: int) -> str:
-    value = quantity.value
-    shown = (
-        f"{factor * value:.{digits}f} {unit}"
-        if isinstance(value, float) and quantity.observed
-        else "not observable"
-    )
-    return f"| {name} | {shown} | {_interval(quantity, factor, digits)} |"
-
-
-def _interval(quantity: Quantity, factor: float, digits: int) -> str:
-    ends = quantity.interval95
-    if isinstance(ends, list) and len(ends) == 2 and all(isinstance(end, float) for end in ends):
-        low, high = (factor * end for end in ends if isinstance(end, float))
-        return f"{low:.{digits}f} to {high:.{digits}f}"
-    return _half(quantity.sd, factor, digits)
-
-
-def _half(sd: object, factor: float, digits: int) -> str:
-    return f"± {SIGMAS_95 * factor * sd:.{digits}f}" if isinstance(sd, float) else "–"

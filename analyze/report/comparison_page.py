@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.report.comparison_document import comparison_document
-from analyze.report.comparison_plots import angles_figure, forest_figure
+from analyze.report.comparison_plots import angles_figures, forest_figure
 from analyze.report.csv_table import Cell, CsvTable, table_of
 from analyze.report.page import figure_element, manifest_time, page_environment
-from analyze.report.summary import DEGREES, GRAM_CM2
+from analyze.report.summary import DEGREES
+from analyze.result.digits import inertia_unit
 from schemas.document import canonical_json
 from schemas.output_file import write_text
 from schemas.wording import counted
@@ -40,12 +41,16 @@ class _Shown:
     """digits after the point"""
 
 
-SHOWN = {
-    "centre_of_mass": _Shown("Centre of mass", "mm", 1e3, 3),
-    "moment": _Shown("Moments of inertia about the centre of mass", "g cm²", GRAM_CM2, 1),
-    "region": _Shown("Region masses", "g", 1e3, 2),
-    "phi": _Shown("Balance angle φ, by planned strike", "°", DEGREES, 3),
-}
+def shown_kinds(document: Comparison) -> dict[str, _Shown]:
+    """Kinds of quantities of the page, in their order; all moments of inertia have one unit."""
+    unit = inertia_unit([abs(each.mean) for each in document.precision if each.kind == "moment"])
+    title = "Moments of inertia about the centre of mass"
+    return {
+        "centre_of_mass": _Shown("Centre of mass", "mm", 1e3, 3),
+        "moment": _Shown(title, unit.label, unit.factor, 4),
+        "region": _Shown("Region masses", "g", 1e3, 2),
+        "phi": _Shown("Balance angle φ, by planned strike", "°", DEGREES, 3),
+    }
 
 
 def comparison_json(compared: SessionComparison) -> str:
@@ -67,9 +72,13 @@ def render_comparison(compared: SessionComparison) -> str:
     document = comparison_document(compared)
     odd = compared.outlier
     names = [f"session {number}" for number in range(1, len(document.sessions) + 1)]
-    by_kind = {kind: [each for each in document.precision if each.kind == kind] for kind in SHOWN}
+    shown = shown_kinds(document)
+    by_kind = {kind: [each for each in document.precision if each.kind == kind] for kind in shown}
     forests = {
-        kind: figure_element(forest_figure(rows, names, SHOWN[kind].factor, SHOWN[kind].unit, odd))
+        kind: [
+            figure_element(forest_figure(row, names, shown[kind].factor, shown[kind].unit, odd))
+            for row in rows
+        ]
         for kind, rows in by_kind.items()
         if rows and kind != "phi"
     }
@@ -78,10 +87,10 @@ def render_comparison(compared: SessionComparison) -> str:
         .get_template("comparison.html")
         .render(
             document=document,
-            shown=SHOWN,
+            shown=shown,
             by_kind=by_kind,
             forests=forests,
-            angles=figure_element(angles_figure(by_kind["phi"], names, odd)) if by_kind["phi"] else None,
+            angles=[figure_element(figure) for figure in angles_figures(by_kind["phi"], names, odd)],
             setups=max(session.setup for session in document.sessions),
             created=[manifest_time(session.recording.created) for session in document.sessions],
             lead=comparison_summary(document),

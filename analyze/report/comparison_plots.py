@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from analyze.report.style import BLUE, INK, MUTED, RED, SKY, style
 
@@ -17,47 +18,49 @@ if TYPE_CHECKING:
 
     from schemas.comparison import QuantityPrecision
 
-COLUMNS = 3
-"""panels side by side"""
+PANEL_WIDTH = 3.1
+"""width of a panel [in]; the page puts as many side by side as fit"""
+MAX_LABEL_CHARACTERS = 20
+"""characters of all numbers under a panel above which only the first and the last are written"""
 
 
 def forest_figure(
-    quantities: Sequence[QuantityPrecision],
-    names: Sequence[str],
-    factor: float,
-    unit: str,
-    odd: int | None = None,
+    quantity: QuantityPrecision, names: Sequence[str], factor: float, unit: str, odd: int | None = None
 ) -> Figure:
-    """Figure of each session's estimate with its 95 % interval, one panel per quantity.
+    """Figure of each session's estimate of one quantity with its 95 % interval.
 
     A session is one recording of the object. Line and band are the joint estimate from all strikes and its
     95 % interval, where there is one.
 
     Args:
-        quantities: quantities to be drawn, at least one.
+        quantity: quantity to be drawn.
         names: names of the sessions, in order.
         factor: conversion from SI to `unit`.
-        unit: unit of the axes.
+        unit: unit of the axis.
         odd: index of the session that is marked as deviating; None if there is none.
     """
-    rows = math.ceil(len(quantities) / COLUMNS)
-    columns = min(COLUMNS, len(quantities))
     count = len(names)
     with style():
-        figure = Figure(
-            figsize=(9.4 if columns > 1 else 4.6, rows * (0.95 + 0.27 * (count + 1))), layout="constrained"
-        )
-        panels = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
-        for axes, quantity in zip(panels, quantities, strict=False):
-            _forest(axes, quantity, factor, odd, count)
-            axes.set_title(quantity.name)
-            axes.set_xlabel(f"[{unit}]")
-            axes.locator_params(axis="x", nbins=5)
-        for axes in panels[len(quantities) :]:
-            axes.set_visible(False)
-        panels[0].set_yticks(range(count + 1), [*names, "joint"])
-        panels[0].set_ylim(count + 0.5, -0.5)
+        figure = Figure(figsize=(PANEL_WIDTH, 0.95 + 0.24 * (count + 1)), layout="constrained")
+        axes = figure.subplots()
+        _forest(axes, quantity, factor, odd, count)
+        axes.set_title(quantity.name)
+        axes.set_xlabel(f"[{unit}]")
+        _few_ticks(axes)
+        axes.set_yticks(range(count + 1), [*names, "joint"])
+        axes.set_ylim(count + 0.5, -0.5)
     return figure
+
+
+def _few_ticks(axes: Axes) -> None:
+    """Label a panel's horizontal axis with numbers that do not touch, written out without an offset."""
+    axes.ticklabel_format(axis="x", useOffset=False, style="plain")
+    low, high = axes.get_xlim()
+    ticks = [tick for tick in MaxNLocator(3).tick_values(low, high) if low <= tick <= high]
+    labels = axes.xaxis.get_major_formatter().format_ticks(ticks)
+    if sum(map(len, labels)) > MAX_LABEL_CHARACTERS:
+        ticks = [ticks[0], ticks[-1]]
+    axes.set_xticks(ticks)
 
 
 def _forest(axes: Axes, quantity: QuantityPrecision, factor: float, odd: int | None, count: int) -> None:
@@ -84,41 +87,37 @@ def _forest(axes: Axes, quantity: QuantityPrecision, factor: float, odd: int | N
         axes.plot(factor * row.value, place, "s" if is_odd else "o", color=colour, ms=6 if is_odd else 5)
 
 
-def angles_figure(
+def angles_figures(
     quantities: Sequence[QuantityPrecision], names: Sequence[str], odd: int | None = None
-) -> Figure:
-    """Figure of balance angles phi [°] of strikes minus the sessions' mean, a panel per edge and heading.
+) -> list[Figure]:
+    """Figures of balance angles phi [°] of strikes minus the sessions' mean, one per edge and heading.
 
     Each point is a strike that tipped over, in the row of its session. The heading is the direction on the
-    table in which the object was struck.
+    table in which the object was struck. All figures have the same scale.
 
     Args:
-        quantities: values of phi [rad] by session and their mean, one entry per pivot edge and heading, at
-            least one.
+        quantities: values of phi [rad] by session and their mean, one entry per pivot edge and heading.
         names: names of the sessions, in order.
         odd: index of the session that is marked as deviating; None if there is none.
     """
-    rows = math.ceil(len(quantities) / COLUMNS)
-    columns = min(COLUMNS, len(quantities))
     count = len(names)
     reach = 1.15 * max(
-        math.degrees(max(abs(v - q.mean) for row in q.sessions for v in row.results)) for q in quantities
+        (math.degrees(max(abs(v - q.mean) for row in q.sessions for v in row.results)) for q in quantities),
+        default=0.0,
     )
+    figures: list[Figure] = []
     with style():
-        figure = Figure(
-            figsize=(9.4 if columns > 1 else 4.6, rows * (0.8 + 0.24 * count) + 0.3), layout="constrained"
-        )
-        panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-        for axes, quantity in zip(panels, quantities, strict=False):
+        for quantity in quantities:
+            figure = Figure(figsize=(PANEL_WIDTH, 0.9 + 0.22 * count), layout="constrained")
+            axes = figure.subplots()
             axes.grid(visible=False, axis="y")
             axes.axvline(0.0, color=MUTED, lw=0.7)
             for row in quantity.sessions:
                 is_odd = row.session - 1 == odd
                 off = np.degrees(np.array(row.results) - quantity.mean)
-                place = np.full(len(off), row.session - 1)
                 axes.plot(
                     off,
-                    place,
+                    np.full(len(off), row.session - 1),
                     "s" if is_odd else "o",
                     color=RED if is_odd else INK,
                     ms=4.5,
@@ -126,12 +125,10 @@ def angles_figure(
                     mew=0,
                 )
             axes.set_title(f"{quantity.name.removeprefix('φ ')}: {math.degrees(quantity.mean):.2f}°")
-        for axes in panels[len(quantities) :]:
-            axes.set_visible(False)
-        for column in range(columns):
-            panels[max(i for i in range(column, len(quantities), columns))].tick_params(labelbottom=True)
-        panels[0].set_yticks(range(count), names)
-        panels[0].set_ylim(count - 0.5, -0.5)
-        panels[0].set_xlim(-reach, reach)
-        figure.supxlabel("φ minus the mean of the edge [°]", fontsize=8.5)
-    return figure
+            axes.set_yticks(range(count), names)
+            axes.set_ylim(count - 0.5, -0.5)
+            axes.set_xlim(-reach, reach)
+            axes.set_xlabel("φ minus the mean of the edge [°]")
+            _few_ticks(axes)
+            figures.append(figure)
+    return figures

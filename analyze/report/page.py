@@ -11,7 +11,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from analyze.report.style import svg
-from analyze.report.summary import DEGREES, GRAM_CM2, open_interval, with_interval
+from analyze.report.summary import DEGREES
+from analyze.result.digits import number, open_interval, signed, with_interval
 from schemas.wording import counted
 
 if TYPE_CHECKING:
@@ -29,16 +30,16 @@ def page_environment() -> Environment:
     )
     environment.globals["counted"] = counted
     environment.filters.update(
-        deg=partial(with_interval, factor=DEGREES, digits=3),
-        inertia=partial(with_interval, factor=GRAM_CM2, digits=0),
-        rate=partial(with_interval, factor=1.0, digits=1),
-        grams=partial(with_interval, factor=1e3, digits=1),
+        deg=partial(with_interval, factor=DEGREES),
+        shown=with_interval,
         millimetres=_millimetres,
         number=number,
         signed=signed,
         open_interval=open_interval,
         typeset=typeset,
         sentence=sentence,
+        contents=contents,
+        anchored=anchored,
     )
     return environment
 
@@ -46,12 +47,6 @@ def page_environment() -> Environment:
 def figure_element(figure: Figure) -> Markup:
     """Figure as an SVG element of an HTML page, marked as safe for templates."""
     return Markup(svg(figure))  # noqa: S704 - matplotlib's own SVG; text in it is drawn as outlines
-
-
-def number(value: float, digits: int) -> str:
-    """Text of a number with `digits` decimals and a typographic minus; no sign if it rounds to 0."""
-    text = f"{value:.{digits}f}"
-    return f"{0.0:.{digits}f}" if float(text) == 0 else text.replace("-", "−")
 
 
 def typeset(sentence: str) -> Markup:
@@ -65,10 +60,23 @@ def sentence(text: str) -> str:
     return text if "_" in text.split(" ", 1)[0] else text[:1].upper() + text[1:]
 
 
-def signed(value: float, digits: int) -> str:
-    """Text of a number with `digits` decimals and its sign, plus or minus; no sign if it rounds to 0."""
-    text = number(value, digits)
-    return f"+{text}" if value > 0 and float(text) != 0 else text
+_HEADING = re.compile(r"<h2>(.*?)</h2>", re.DOTALL)
+
+
+def contents(page: Markup) -> list[tuple[str, str]]:
+    """Headings (h2) of a page's HTML in their order: pairs of anchor and title, for a table of contents."""
+    titles = [re.sub(r"<[^>]*>", "", title).strip() for title in _HEADING.findall(page)]
+    return [(_anchor(title), title) for title in titles]
+
+
+def anchored(page: Markup) -> Markup:
+    """HTML of a page with the anchors of `contents` on its headings (h2)."""
+    return Markup(_HEADING.sub(lambda found: f'<h2 id="{_anchor(found[1])}">{found[1]}</h2>', page))  # noqa: S704 - templates escaped it
+
+
+def _anchor(title: str) -> str:
+    """Anchor of a heading: its words in lower case, joined by hyphens."""
+    return re.sub(r"[^a-z0-9]+", "-", re.sub(r"<[^>]*>|&[a-z]+;", "", title).lower()).strip("-")
 
 
 def manifest_time(created: str) -> str:

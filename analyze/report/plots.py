@@ -12,6 +12,7 @@ from scipy.spatial import ConvexHull
 from analyze.estimation.equiplane import balance_direction
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.report.style import BLUE, BODY, CYCLE, GREEN, INK, MUTED, ORANGE, PHASES, RED, plain, style
+from analyze.result.digits import ScaledUnit, inertia_unit
 from analyze.types import Array, EquiPlane, TipMotion
 
 if TYPE_CHECKING:
@@ -242,7 +243,9 @@ def regions_figure(estimate: Estimate, truth: Mapping[str, float] | None = None)
     return figure
 
 
-def moments_figure(estimate: Estimate, truth: Mapping[str, float] | None = None) -> Figure:
+def moments_figure(
+    estimate: Estimate, truth: Mapping[str, float] | None = None, unit: ScaledUnit | None = None
+) -> Figure:
     """Figure of moments of inertia about axes through the centre of mass, with 95 % intervals.
 
     Each axis is parallel to one pivot axis.
@@ -250,25 +253,27 @@ def moments_figure(estimate: Estimate, truth: Mapping[str, float] | None = None)
     Args:
         estimate: estimate with moments per pivot axis.
         truth: true moments [kg m²] about these axes by id of the pivot axis; None if not known.
+        unit: unit of the axis; None for one in which the tensor's largest entry is from 1 to 10.
     """
     axes_of = estimate.inertial.axes
+    unit = unit or inertia_unit(estimate.inertial.inertia)
     place = np.arange(len(axes_of))
     with style():
         figure = Figure(figsize=(4.6, 0.9 + 0.3 * len(axes_of)), layout="constrained")
         axes = figure.subplots()
-        value = 1e7 * np.array([axis.i_com for axis in axes_of])
-        spread = SIGMAS_95 * 1e7 * np.array([axis.i_com_sd for axis in axes_of])
+        value = unit.factor * np.array([axis.i_com for axis in axes_of])
+        spread = SIGMAS_95 * unit.factor * np.array([axis.i_com_sd for axis in axes_of])
         axes.errorbar(
             value, place, xerr=spread, fmt="o", color=GREEN, ms=5, elinewidth=1.4, capsize=3, label="estimate"
         )
         if truth is not None:
-            true = 1e7 * np.array([truth[axis.axis_id] for axis in axes_of])
+            true = unit.factor * np.array([truth[axis.axis_id] for axis in axes_of])
             axes.plot(true, place, "|", color=RED, ms=14, mew=2.2)
             axes.plot([], [], "|", color=RED, ms=9, mew=2.2, label="ground truth")
         axes.set_yticks(place, [axis.axis_id for axis in axes_of])
         axes.set_ylim(len(axes_of) - 0.5, -0.5)
         axes.set_xlim(left=0)
-        axes.set_xlabel("moment about the centre of mass [g cm²]")
+        axes.set_xlabel(f"moment about the centre of mass [{unit.label}]")
         if truth is not None:
             figure.legend(loc="outside lower center", ncols=2)
     return figure

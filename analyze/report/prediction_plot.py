@@ -41,26 +41,12 @@ def prediction_figure(strikes: Sequence[StrikePrediction]) -> Figure:
         raise ValueError("no strike has a prediction")
     rows = math.ceil(len(strikes) / COLUMNS)
     columns = min(COLUMNS, len(strikes))
-    most = max(
-        float(np.max(np.maximum(np.abs(each.motion.offset), SIGMAS_95 * each.motion.sd))) for each in strikes
-    )
-    limit = 1.15 * max(np.degrees(most), LINEAR_DEG)
-    longest = max(float(each.motion.time[-1]) for each in strikes)
     with style():
         figure = Figure(figsize=(9.4, 0.45 + 1.4 * rows), layout="constrained")
         panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
         for axes, strike in zip(panels, strikes, strict=False):
             _panel(axes, strike)
-        first = panels[0]
-        first.set_yscale("asinh", linear_width=LINEAR_DEG)
-        first.set_ylim(-limit, limit)
-        ticks = [tick for tick in TICKS if tick < limit]
-        first.yaxis.set_major_locator(FixedLocator([*(-tick for tick in reversed(ticks)), 0.0, *ticks]))
-        first.yaxis.set_minor_locator(NullLocator())
-        first.yaxis.set_major_formatter(
-            FuncFormatter(lambda value, _: f"{value:+g}".replace("-", "−") if value else "0")
-        )
-        first.set_xlim(0.0, 1.02 * longest)
+        _set_scales(panels[0], strikes)
         for axes in panels[len(strikes) :]:
             axes.set_visible(False)
         for column in range(columns):
@@ -69,6 +55,38 @@ def prediction_figure(strikes: Sequence[StrikePrediction]) -> Figure:
             lowest.set_xlabel("time [s]")
         figure.supylabel("measured minus predicted [°]", fontsize=8.5)
     return figure
+
+
+def prediction_figures(strikes: Sequence[StrikePrediction]) -> list[Figure]:
+    """Panels of `prediction_figure` as a figure each, with common scales, for a page that arranges them."""
+    figures: list[Figure] = []
+    with style():
+        for strike in strikes:
+            figure = Figure(figsize=(3.1, 1.9), layout="constrained")
+            axes = figure.subplots()
+            _panel(axes, strike)
+            _set_scales(axes, strikes)
+            axes.set_xlabel("time [s]")
+            axes.set_ylabel("difference [°]")
+            figures.append(figure)
+    return figures
+
+
+def _set_scales(axes: Axes, strikes: Sequence[StrikePrediction]) -> None:
+    """Set limits that fit all strikes, and a vertical scale that is linear up to `LINEAR_DEG`."""
+    most = max(
+        float(np.max(np.maximum(np.abs(each.motion.offset), SIGMAS_95 * each.motion.sd))) for each in strikes
+    )
+    limit = 1.15 * max(np.degrees(most), LINEAR_DEG)
+    axes.set_yscale("asinh", linear_width=LINEAR_DEG)
+    axes.set_ylim(-limit, limit)
+    ticks = [tick for tick in TICKS if tick < limit]
+    axes.yaxis.set_major_locator(FixedLocator([*(-tick for tick in reversed(ticks)), 0.0, *ticks]))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter(
+        FuncFormatter(lambda value, _: f"{value:+g}".replace("-", "−") if value else "0")
+    )
+    axes.set_xlim(0.0, 1.02 * max(float(each.motion.time[-1]) for each in strikes))
 
 
 def _panel(axes: Axes, strike: StrikePrediction) -> None:

@@ -13,20 +13,23 @@ import cv2
 import numpy as np
 from markupsafe import Markup
 
+from analyze.cards.drawn_shape import drawn_shape
+from analyze.cards.edge_picture import edge_picture
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.reading.recording import open_recording
-from analyze.report.page import figure_element, manifest_time, number, page_environment, signed
+from analyze.report.page import figure_element, manifest_time, page_environment
 from analyze.report.plots import moments_figure, projection_figures, regions_figure, strike_figure
-from analyze.report.prediction_plot import prediction_figure
+from analyze.report.prediction_plot import prediction_figures
 from analyze.report.sensitivity_plot import influence_figure, largest_source_text, source_rows, sources_figure
-from analyze.report.summary import DEGREES, GRAM_CM2, filling_rows, robustness_rows
+from analyze.report.summary import DEGREES, filling_rows, robustness_rows
 from analyze.report.truth import ShownTruth, shown_truth
 from analyze.report.voxel_map import voxel_figure, voxel_map_text
+from analyze.result.digits import decimals, number, signed
 from analyze.result.frame_times import frame_time_lines
+from analyze.result.headline import com_entries, edge_labels, further_warnings, headline
 from analyze.result.radius import radius_lines
 from analyze.result.tilt import tilt_lines
 from schemas.output_file import write_text
-from schemas.quantity import Quantity
 from schemas.strike_result import StrikeResult, Verdict
 from schemas.wording import counted
 
@@ -35,6 +38,7 @@ if TYPE_CHECKING:
     from analyze.pipeline.estimate import Estimate
     from analyze.result.answer import Answer
     from analyze.types import MarkerTrack
+    from schemas.result import Result
 
 JPEG_QUALITY = 88
 
@@ -49,6 +53,20 @@ class Still:
     """strike and tipping angle shown"""
     data_url: str
     """JPEG as a data URL"""
+
+
+@dataclass(frozen=True)
+class StruckEdge:
+    """Edge over which the object was tipped, as the report names and draws it."""
+
+    axis_id: str
+    """id of the pivot axis"""
+    name: str
+    """name of the edge that a person can point at"""
+    drawing: Markup
+    """small drawing of the object with the edge marked, an <svg> element"""
+    strikes: list[str]
+    """ids of the strikes over the edge"""
 
 
 def write_report(answer: Answer, output: Path, score: Mapping[str, Any] | None = None) -> None:
@@ -75,6 +93,7 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
         score: errors against ground truth (`score_answer`); None if the recordings are not virtual.
     """
     estimate, result = answer.estimate, answer.result
+    shown = headline(result)
     truth = None if score is None else shown_truth(score, answer)
     rows = source_rows(estimate.sensitivity, estimate.com.covariance)
     half = SIGMAS_95 * float(np.sqrt(np.linalg.eigvalsh(estimate.com.covariance)[-1]))
@@ -86,9 +105,8 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
             result=result,
             recordings=estimate.evidence.recordings,
             verdict=answer_summary(answer),
-            com=_com_rows(result.centre_of_mass, truth),
-            used=[strike for strike in result.strikes if strike.used],
-            axes=len({plane.axis_id for plane in estimate.planes}),
+            shown=shown,
+            com_truth=[] if truth is None else _truth_rows(result, truth),
             reasons=[
                 strike for strike in result.strikes if strike.reason and strike.verdict is not Verdict.GOOD
             ],
@@ -106,20 +124,17 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
             ),
             voxels=figure_element(voxel_figure(estimate.voxels)),
             voxel_text=voxel_map_text(estimate.voxels),
-            moments=figure_element(moments_figure(estimate, None if truth is None else truth.i_com)),
-            predictions=figure_element(prediction_figure(estimate.predictions))
-            if estimate.predictions
-            else None,
-            consistent_count=sum(each.consistent for each in estimate.predictions),
-            warnings=[
-                each
-                for each in result.warnings
-                if not any(each.text in sentence for sentence in result.verdict or [])
-            ],
+            moments=figure_element(
+                moments_figure(estimate, None if truth is None else truth.i_com, shown.unit)
+            ),
+            predictions=[figure_element(figure) for figure in prediction_figures(estimate.predictions)],
+            warnings=further_warnings(result),
             missed=[each for each in estimate.predictions if not each.consistent],
             filling=[] if result.filling is None else filling_rows(result.filling),
             robustness=robustness_rows(result.robustness or []),
             strikes=_strike_plots(answer),
+            edges=_edges(answer),
+            edge_labels=edge_labels(result),
             tilts=[
                 *tilt_lines(result),
                 *radius_lines(result),
@@ -135,7 +150,6 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
                 if score is not None and truth is not None and truth.regions
                 else None
             ),
-            inertia_rows=_inertia_rows(estimate),
         )
     )
 
@@ -147,7 +161,6 @@ def answer_summary(answer: Answer) -> str:
     """
     estimate, result = answer.estimate, answer.result
     com = estimate.com
-    half = 1e3 * SIGMAS_95 * np.sqrt(np.linalg.eigvalsh(com.covariance)[-1])
     axes = len({plane.axis_id for plane in estimate.planes})
     count = (
         f"{len(estimate.planes)} of {counted(len(result.strikes), 'strike')} on {counted(axes, 'axis')} "
@@ -159,8 +172,7 @@ def answer_summary(answer: Answer) -> str:
             " comes from the shape."
         )
     shift = com.position - estimate.evidence.model.centroid
-    text = f"The centre of mass lies {1e3 * np.linalg.norm(shift):.1f}\u00a0mm from the middle of the volume"
-    text += f" and is known to {half:.1f}\u00a0mm in its worst direction (95\u00a0%)."
+    text = f"The centre of mass lies {1e3 * np.linalg.norm(shift):.1f}\u00a0mm from the middle of the volume."
     return f"{text} {_heaviest_in_words(estimate.distribution)} {count}"
 
 
@@ -280,33 +292,27 @@ def _strike_plots(answer: Answer) -> list[tuple[StrikeResult, Markup]]:
     ]
 
 
-def _com_rows(com: Quantity, truth: ShownTruth | None) -> list[dict[str, str]]:
-    values, half = 1e3 * np.array(com.value), 1e3 * SIGMAS_95 * np.array(com.sd)
-    rows = [
-        {"axis": axis, "value": number(v, 2), "half": number(h, 2)}
-        for axis, v, h in zip("xyz", values, half, strict=True)
-    ]
-    if truth is not None:
-        digits = 3 if half.max() < 0.2 else 2
-        for row, value, spread, true in zip(rows, values, half, 1e3 * truth.com, strict=True):
-            row.update(
-                estimate=f"{number(value, digits)} ± {number(spread, digits)}",
-                true=number(true, digits),
-                error=signed(value - true, digits),
-            )
+def _edges(answer: Answer) -> list[StruckEdge]:
+    """Struck edges with their drawings, in the order of the strikes."""
+    evidence = answer.estimate.evidence
+    shape, found = drawn_shape(evidence.model), dict[str, StruckEdge]()
+    for motion, strike in zip(evidence.motions, answer.result.strikes, strict=True):
+        if strike.axis_id in found:
+            found[strike.axis_id].strikes.append(strike.id)
+        else:
+            name = strike.edge_name or strike.axis_id
+            drawing = Markup(edge_picture(shape, evidence.spec, evidence.planned(motion), name))  # noqa: S704 - texts escaped there
+            found[strike.axis_id] = StruckEdge(strike.axis_id, name, drawing, [strike.id])
+    return list(found.values())
+
+
+def _truth_rows(result: Result, truth: ShownTruth) -> list[dict[str, str]]:
+    """Rows of the table that compares the centre of mass [mm] with ground truth, one per axis of O."""
+    com = result.centre_of_mass
+    columns = zip("xyz", com_entries(result), np.array(com.value), np.array(com.sd), truth.com, strict=True)
+    rows: list[dict[str, str]] = []
+    for axis, entry, value, sd, true in columns:
+        digits = decimals(1e3 * SIGMAS_95 * sd)
+        row = {"axis": axis, "estimate": entry.text, "true": number(1e3 * true, digits)}
+        rows.append({**row, "error": signed(1e3 * (value - true), digits)})
     return rows
-
-
-def _inertia_rows(estimate: Estimate) -> list[list[dict[str, Any]]]:
-    inertial = estimate.inertial
-    return [
-        [
-            {
-                "value": number(GRAM_CM2 * inertial.inertia[i, j], 0),
-                "half": f"{SIGMAS_95 * GRAM_CM2 * inertial.inertia_sd[i, j]:.0f}",
-                "measured": bool(inertial.measured[i, j]),
-            }
-            for j in range(3)
-        ]
-        for i in range(3)
-    ]

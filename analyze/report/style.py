@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -44,6 +45,21 @@ PHASES = {
     "landing": "#f4e9f1",
 }
 """Colours of the bands behind a motion."""
+
+THEMED = {
+    "#ffffff": "ground",
+    INK: "ink",
+    MUTED: "muted",
+    GRID: "grid",
+    BODY: "body",
+    EMPTY: "empty",
+    EMPTY_LINES: "empty-lines",
+    BLUE: "blue",
+    RED: "red",
+    **{colour: f"phase-{name.replace('_', '-')}" for name, colour in PHASES.items()},
+}
+"""Colours that pages redefine for dark mode, with the names of their CSS variables less `--plot-`."""
+_COLOUR = re.compile(rf"\b(fill|stroke|stop-color): ({'|'.join(THEMED)})\b")
 
 _SETTINGS: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
@@ -113,4 +129,9 @@ def svg(figure: Figure) -> str:
     with style():
         FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None, "Creator": None})
     markup = text.getvalue()
-    return markup[markup.index("<svg") :]
+    return _themed(markup[markup.index("<svg") :])
+
+
+def _themed(markup: str) -> str:
+    """SVG text in which the colours of `THEMED` follow the page's theme, light or dark."""
+    return _COLOUR.sub(lambda found: f"{found[1]}: var(--plot-{THEMED[found[2]]}, {found[2]})", markup)

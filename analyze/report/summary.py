@@ -1,4 +1,4 @@
-"""Summary of an estimate on the terminal, and text of quantities with 95 % intervals."""
+"""Summary of an estimate on the terminal: the answer in numbers first, then how sure, then the strikes."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from analyze.least_squares.intervals import SIGMAS_95
+from analyze.result.digits import ScaledUnit, open_interval, signed, with_interval
 from analyze.result.frame_times import frame_time_lines
+from analyze.result.headline import Headline, edge_labels, further_warnings, headline
 from analyze.result.radius import radius_lines
 from analyze.result.tilt import tilt_lines
-from schemas.quantity import Quantity
 from schemas.result import Filling, Parts, Result
 from schemas.terminal import Terminal, styled
 from schemas.wording import counted
@@ -25,12 +25,10 @@ if TYPE_CHECKING:
 
 DEGREES = 57.29577951308232
 """degrees per radian"""
-GRAM_CM2 = 1e7
-"""g cm² per kg m²"""
 
 
 def render_summary(answer: Answer, console: Terminal | None = None) -> None:
-    """Print an estimate: centre of mass, table tilt, strikes, moments, masses, verdict and warnings.
+    """Print an estimate: centre of mass and inertia tensor, verdict, table tilt, strikes, masses, warnings.
 
     Args:
         answer: estimate and its result.
@@ -38,21 +36,23 @@ def render_summary(answer: Answer, console: Terminal | None = None) -> None:
     """
     console = console or Terminal()
     estimate, result = answer.estimate, answer.result
+    shown = headline(result)
     recordings = estimate.evidence.recordings
     which = (
         f"recording {result.inputs.recording_id}"
         if len(recordings) == 1
         else f"{counted(len(recordings), 'recording')}:"
     )
-    console.print(
-        styled((estimate.evidence.spec.name, "bold"), f", {1e3 * estimate.inertial.mass:.1f} g, {which}")
-    )
+    console.print(styled((estimate.evidence.spec.name, "bold"), f", {shown.mass}, {which}"))
     for number, recording in enumerate(recordings, 1):
         if len(recordings) > 1:
             console.print(f"  {number}: {', '.join(recording.files)}, begun {recording.manifest.created}")
         elif len(recording.files) > 1:
             console.print(f"in {counted(len(recording.files), 'file')}: {', '.join(recording.files)}")
-    console.print(f"centre of mass (x, y, z) = {com_text(result.centre_of_mass)}")
+    _print_answer(shown, console)
+    for sentence in result.verdict or []:
+        console.print(sentence)
+    console.print()
     for line in [
         *tilt_lines(result),
         *radius_lines(result),
@@ -60,8 +60,8 @@ def render_summary(answer: Answer, console: Terminal | None = None) -> None:
     ]:
         console.print(line)
     console.print()
-    console.print(_strikes(result))
-    console.print(_moments(result))
+    console.print(_strikes(result, shown.unit))
+    console.print(_moments(result, shown.unit))
     console.print(_regions(result))
     if result.parts is not None:
         console.print(_parts(result.parts))
@@ -69,45 +69,49 @@ def render_summary(answer: Answer, console: Terminal | None = None) -> None:
         console.print(_filling(result.filling))
     if result.robustness:
         console.print(_robustness(result.robustness))
-    for sentence in result.verdict or []:
-        console.print(sentence)
-    for warning in result.warnings:
+    for warning in further_warnings(result):
         console.print(styled((warning.code.value, "yellow"), f": {warning.text}"))
 
 
-def com_text(com: Quantity) -> str:
-    """Text of the centre of mass (x, y, z) in O with half widths of its 95 % intervals, in mm.
-
-    O is the object frame. The text ends with "one direction not observed" if that is so.
-    """
-    half = SIGMAS_95 * 1e3 * np.array(com.sd)
-    millimetres = 1e3 * np.array(com.value)
-    values = [f"{v:.1f} ± {h:.1f}" for v, h in zip(millimetres, half, strict=True)]
-    return f"({', '.join(values)}) mm, 95 % interval" + (
-        "" if com.observed else ", one direction not observed"
-    )
-
-
-def with_interval(quantity: Quantity | None, factor: float, digits: int, unit: str = "") -> str:
-    """Text of a scalar with the half width of its 95 % interval (1.96 sd); "–" if there is no value.
-
-    Args:
-        quantity: quantity in SI units.
-        factor: conversion from SI to `unit`.
-        digits: digits after the point.
-        unit: unit to print; "" for none.
-    """
-    if quantity is None or not isinstance(quantity.value, float):
-        return "–"
-    spread = f" ± {SIGMAS_95 * factor * quantity.sd:.{digits}f}" if isinstance(quantity.sd, float) else ""
-    return f"{factor * quantity.value:.{digits}f}{spread} {unit}".rstrip()
+def _print_answer(shown: Headline, console: Terminal) -> None:
+    """Print centre of mass, inertia tensor, principal moments, and both as URDF, in the object's frame."""
+    com = _narrow_table("Centre of mass, mm, 95 %", "xyz")
+    com.add_row(*(entry.text for entry in shown.com))
+    console.print(com)
+    if shown.com_note:
+        console.print(shown.com_note)
+    tensor = _narrow_table(f"Inertia tensor about it, {shown.unit.label}, 95 %", ["", *"xyz"])
+    for axis, row in zip("xyz", shown.tensor, strict=True):
+        tensor.add_row(axis, *(entry.marked for entry in row))
+    console.print(tensor)
+    principal = _narrow_table("Principal moments and axes", ["moment", "along"])
+    for each in shown.principal:
+        principal.add_row(each.moment.marked, each.direction)
+    console.print(principal)
+    if shown.tensor_note:
+        console.print(shown.tensor_note)
+    console.print()
+    if shown.urdf is None:
+        console.print("No URDF block: no rigid body can have this mass and tensor.")
+    else:
+        console.print("For URDF, in kg and m:")
+        console.print(shown.urdf, soft_wrap=True)
+    console.print()
 
 
-def _strikes(result: Result) -> Table:
+def _narrow_table(title: str, headings: Sequence[str]) -> Table:
+    """Table of numbers with little between them, its columns aligned to the right."""
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 1))
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    return table
+
+
+def _strikes(result: Result, unit: ScaledUnit) -> Table:
     table = Table(title="Strikes, 95 %", title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for name in ("strike", "axis", "verdict"):
         table.add_column(name, no_wrap=True)
-    for name in ("φ\n(°)", "I_edge\n(g cm²)", "plane\n(mm)", "share"):
+    for name in ("φ\n(°)", f"I_edge\n({unit.label})", "plane\n(mm)", "share"):
         table.add_column(name, justify="right", no_wrap=True)
     for strike in result.strikes:
         residual = strike.equiplane_residual_m
@@ -115,29 +119,30 @@ def _strikes(result: Result) -> Table:
             strike.id,
             strike.axis_id,
             strike.verdict.value,
-            with_interval(strike.phi, DEGREES, 3),
-            with_interval(strike.i_edge, GRAM_CM2, 0),
-            "–" if residual is None else f"{1e3 * residual:+.2f}",
+            with_interval(strike.phi, DEGREES),
+            with_interval(strike.i_edge, unit.factor),
+            "–" if residual is None else signed(1e3 * residual, 2),
             f"{strike.information_share:.0%}" if strike.used else "–",
             style=None if strike.used else "dim",
         )
     return table
 
 
-def _moments(result: Result) -> Table:
+def _moments(result: Result, unit: ScaledUnit) -> Table:
+    labels = edge_labels(result)
     table = Table(
-        "axis",
+        "edge",
         "about the edge",
         "about the centre of mass",
-        title="Moments of inertia, 95 %",
+        title=f"Moments of inertia by edge, {unit.label}, 95 %",
         title_justify="left",
         box=SIMPLE_HEAD,
     )
     for moment in result.moments:
         table.add_row(
-            moment.axis_id,
-            with_interval(moment.i_edge, GRAM_CM2, 0, "g cm²"),
-            with_interval(moment.i_com, GRAM_CM2, 0, "g cm²"),
+            labels[moment.axis_id],
+            with_interval(moment.i_edge, unit.factor),
+            with_interval(moment.i_com, unit.factor),
         )
     return table
 
@@ -150,7 +155,7 @@ def _regions(result: Result) -> Table:
     for name in ("region", "estimate", *(item.replace("_", " ") for item in naive)):
         table.add_column(name, justify="left" if name == "region" else "right")
     for i, region in enumerate(result.regions.regions):
-        estimate = f"{open_interval(region.mass, 1e3, 1)} g"
+        estimate = f"{open_interval(region.mass, 1e3)} g"
         table.add_row(
             region.name, estimate, *(f"{1e3 * result.regions.baselines[item][i]:.1f} g" for item in naive)
         )
@@ -164,8 +169,8 @@ def _parts(parts: Parts) -> Table:
     for part, uniform in zip(parts.parts, parts.uniform, strict=True):
         table.add_row(
             part.name,
-            open_interval(part.mass, 1e3, 1),
-            open_interval(part.density, 1e-3, 2),
+            open_interval(part.mass, 1e3),
+            open_interval(part.density, 1e-3),
             f"{1e3 * uniform:.1f}",
         )
     return table
@@ -207,14 +212,14 @@ def filling_rows(filling: Filling) -> list[tuple[str, str]]:
     """Rows of a table on a filling (contents of a container): name with unit, value with 95 % interval."""
     up = ", ".join(f"{value:.2f}" for value in filling.along)
     rows = [
-        (f"level along ({up}) from the origin (mm)", open_interval(filling.level, 1e3, 1)),
-        ("filled share of the interior (%)", open_interval(filling.filled_share, 100, 0)),
-        ("mass (g)", open_interval(filling.mass, 1e3, 1)),
-        ("density (g/cm³)", open_interval(filling.density, 1e-3, 2)),
-        ("mass of the shell (g)", open_interval(filling.shell, 1e3, 1)),
+        (f"level along ({up}) from the origin (mm)", open_interval(filling.level, 1e3)),
+        ("filled share of the interior (%)", open_interval(filling.filled_share, 100)),
+        ("mass (g)", open_interval(filling.mass, 1e3)),
+        ("density (g/cm³)", open_interval(filling.density, 1e-3)),
+        ("mass of the shell (g)", open_interval(filling.shell, 1e3)),
     ]
     if filling.shell_thickness is not None:
-        rows.append(("thickness of the shell (mm)", open_interval(filling.shell_thickness, 1e3, 1)))
+        rows.append(("thickness of the shell (mm)", open_interval(filling.shell_thickness, 1e3)))
     return rows
 
 
@@ -227,23 +232,3 @@ def _filling(filling: Filling) -> Table:
     for row in filling_rows(filling):
         table.add_row(*row)
     return table
-
-
-def open_interval(quantity: Quantity, factor: float, digits: int) -> str:
-    """Text of a scalar with both ends of its 95 % interval, as "12.0 (11.5 to 12.5)".
-
-    A quantity that is not observed gives "not observed" in place of its value.
-
-    Args:
-        quantity: scalar in SI units, with an interval.
-        factor: conversion from SI to the unit shown.
-        digits: digits after the point.
-
-    Raises:
-        TypeError: the quantity is no scalar, or has no interval.
-    """
-    low, high = (factor * end for end in quantity.interval_ends())
-    between = f"{low:.{digits}f} to {high:.{digits}f}"
-    if not quantity.observed:
-        return f"not observed ({between})"
-    return f"{factor * quantity.as_scalar():.{digits}f} ({between})"

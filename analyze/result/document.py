@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.pipeline.filling import filling_label
+from analyze.planning.edge_names import edge_names
 from analyze.result.assessment import assessment
 from analyze.result.filling import filling_document, filling_warnings
 from analyze.result.frame_times import frame_times_documents
@@ -89,6 +90,7 @@ def _strike_rows(estimate: Estimate) -> list[StrikeResult]:
     evidence, planes = estimate.evidence, estimate.fitted_planes
     index = {plane.strike_id: i for i, plane in enumerate(planes)}
     predictions = {each.left_out.strike_id: prediction_document(each) for each in estimate.predictions}
+    names = edge_names(evidence.planned(motion) for motion in evidence.motions)
     rows: list[StrikeResult] = []
     for motion in evidence.motions:
         row = strike_result(
@@ -100,7 +102,7 @@ def _strike_rows(estimate: Estimate) -> list[StrikeResult]:
             estimate.solved_scale,
             estimate.edge_radii,
         )
-        row = row.model_copy(update={"prediction": predictions.get(row.id)})
+        row = row.model_copy(update={"prediction": predictions.get(row.id), "edge_name": names[row.axis_id]})
         if row.id in estimate.options.exclude:
             row = row.model_copy(
                 update={"verdict": Verdict.EXCLUDED, "reason": f"left out on request ({row.verdict.value})"}

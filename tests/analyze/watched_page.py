@@ -32,6 +32,51 @@ OVERFLOWING = """(scrolls) => [...document.querySelectorAll('main *:not(svg *)')
 CUT_TEXT = """() => [...document.querySelectorAll('.card, .big')]
     .filter(each => each.scrollWidth > each.clientWidth + 1)
     .map(each => each.textContent.trim())"""
+TEXTS = """
+    const texts = [];
+    const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+    for (let node = walker.nextNode(); node; node = walker.nextNode()) {
+        if (!node.data.trim() || node.parentElement.closest('svg, style, .toc')) continue;
+        const range = document.createRange();
+        range.selectNodeContents(node);
+        for (const box of range.getClientRects())
+            if (box.width > 0) texts.push({node, box, text: node.data.trim().slice(0, 40)});
+    }
+    const overlap = (a, b, slack) => Math.min(a.right, b.right) - Math.max(a.left, b.left) > slack &&
+        Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > slack;
+"""
+OVERLAPPING = f"""() => {{{TEXTS}
+    const found = [];
+    texts.forEach((a, i) => texts.slice(i + 1).forEach(b => {{
+        if (a.node !== b.node && overlap(a.box, b.box, 4)) found.push(`${{a.text}} / ${{b.text}}`);
+    }}));
+    return found;
+}}"""
+OVERLAPPING_LABELS = f"""(plots) => {{{TEXTS}
+    return [...document.querySelectorAll(plots)].flatMap(plot => {{
+        const groups = [...plot.querySelectorAll('g[id^=text_]')];
+        const labels = groups.map(each => [each.id, each.getBoundingClientRect()]);
+        return labels.flatMap(([name, box], i) => labels.slice(i + 1)
+            .filter(([, other]) => overlap(box, other, 1)).map(([other]) => `${{name}} / ${{other}}`));
+    }});
+}}"""
+CONTRASTS = f"""() => {{{TEXTS}
+    const parts = colour => (colour.match(/[0-9.]+/g) || []).map(Number);
+    const light = colour => parts(colour).slice(0, 3).map(v => v / 255)
+        .map(v => v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
+        .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+    const ground = element => {{
+        for (let each = element; each; each = each.parentElement) {{
+            const colour = getComputedStyle(each).backgroundColor;
+            if ((parts(colour)[3] ?? 1) > 0.5) return colour;
+        }}
+        return 'rgb(255, 255, 255)';
+    }};
+    return texts.map(({{node}}) => {{
+        const [a, b] = [getComputedStyle(node.parentElement).color, ground(node.parentElement)].map(light);
+        return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+    }});
+}}"""
 PLOTS = """() => [...document.querySelectorAll('main svg, main img, canvas')].map(each => {
     const box = each.getBoundingClientRect();
     return {x: box.x + scrollX, y: box.y + scrollY, width: box.width, height: box.height,
@@ -56,6 +101,18 @@ class WatchedPage:
     def cut_text(self) -> list[str]:
         """Texts of cards that are wider than their card."""
         return self.page.evaluate(CUT_TEXT)
+
+    def overlapping(self) -> list[str]:
+        """Pairs of texts outside plots that cover each other, as "first / second"."""
+        return self.page.evaluate(OVERLAPPING)
+
+    def overlapping_labels(self, plots: str) -> list[str]:
+        """Pairs of labels within one plot that cover each other; `plots` is a CSS selector of plots."""
+        return self.page.evaluate(OVERLAPPING_LABELS, plots)
+
+    def contrasts(self) -> list[float]:
+        """Contrast of each text outside plots with its background, by WCAG 2: from 1 to 21."""
+        return self.page.evaluate(CONTRASTS)
 
     def picture(self) -> np.ndarray:
         """Screenshot of the visible part of the page, (height, width, 3) uint8."""

@@ -78,8 +78,8 @@ def test_summary_reports_scatter_and_drift_of_results(results):
     assert by_name["centre of mass z"].drift == pytest.approx(1e3 * DRIFT_M)
     assert by_name["centre of mass x"].scatter == pytest.approx(1e3 * SCATTER_M, rel=0.6)
     assert by_name["centre of mass x"].mean == pytest.approx(10.0, abs=0.2)
-    assert by_name["Ixx"].mean == pytest.approx(2000.0)
-    assert by_name["Ixx"].stated == pytest.approx(10.0)
+    assert by_name["Ixx"].mean == pytest.approx(200.0)
+    assert by_name["Ixx"].stated == pytest.approx(1.0)
     (outlier,) = found.standing_out
     assert (outlier.quantity, outlier.stands_out) == (
         "centre of mass z",

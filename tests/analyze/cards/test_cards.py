@@ -40,7 +40,7 @@ def test_page_has_a_card_per_strike_and_is_self_contained(name):
     parser.feed(html)
     assert parser.open == []
     assert parser.tags.count("article") == len(plan.strikes)
-    assert parser.tags.count("svg") == 3 * len(plan.strikes)
+    assert parser.tags.count("svg") == 4 * len(plan.strikes)
     assert not {"script", "link", "img"} & set(parser.tags)
     assert not re.search(r'(?:src|href)="(?!#)', html)
     assert "nan" not in re.sub(r"[a-z-]*nan[a-z]+", "", html)

@@ -156,7 +156,7 @@ def test_every_strike_has_images_curves_phases_and_pose(sample):
 
 def test_answer_and_session_have_pages(sample):
     _, shown, _ = sample
-    assert "Centre of mass (" in shown.text("/summary")
+    assert "## Centre of mass [mm]" in shown.text("/summary")
     assert "4 of 4 strikes used" in shown.text("/summary")
     for entity in ("/result/centre_of_mass", "/result/voxels", "/result/planes/s1.1", "/result/shape"):
         assert shown.chunks[entity], entity

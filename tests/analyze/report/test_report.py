@@ -4,11 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from markupsafe import Markup
 
-from analyze.report.page import manifest_time, number, signed
+from analyze.report.page import manifest_time
 from analyze.report.report import Still, answer_summary, render_report, write_report
 from analyze.report.truth import shown_truth
 from analyze.result.answer import answer_evidence
+from analyze.result.digits import decimals, inertia_unit, number, signed, with_interval
+from analyze.result.headline import headline
 from analyze.result.quantities import quantity
 from analyze.result.score import score_answer
 from schemas.output_file import OutputError
@@ -37,13 +40,13 @@ def html(short):
     return render_report(short, [STILL])
 
 
-def test_page_is_complete_and_self_contained(html):
+def test_page_is_complete_and_self_contained(html, short):
     parser = Balanced()
     parser.feed(html)
     assert parser.open == []
-    assert (
-        parser.tags.count("svg") == 9 + 4
-    )  # three views, sources, influences, regions, voxels, moments, predictions; a plot per strike
+    edges = {strike.axis_id for strike in short.result.strikes}
+    # Three views, sources, influences, regions, voxels, moments; edges, predictions, and a plot per strike.
+    assert parser.tags.count("svg") == 8 + len(edges) + len(short.estimate.predictions) + 4
     assert "script" not in parser.tags
     assert "link" not in parser.tags
     assert not re.search(r'(?:src|href)="(?!data:|#)', html)
@@ -51,13 +54,16 @@ def test_page_is_complete_and_self_contained(html):
 
 def test_page_shows_the_results_numbers(estimate, undrawn):
     html = render_report(estimate, [STILL])
-    for value in estimate.estimate.com.position:
-        assert number(1e3 * value, 2) in html
+    shown = headline(estimate.result)
+    for entry in (*shown.com, *(each for row in shown.tensor for each in row)):
+        assert entry.marked.replace("± ", "±\u00a0") in html or entry.marked in html
+    assert Markup.escape(shown.urdf) in html
     for region in estimate.result.regions.regions:
         assert f"{1e3 * region.mass.value:.1f}" in html
     for strike in estimate.result.strikes:
         assert strike.id in html
-        assert f">{number(np.degrees(strike.phi.value), 3)}" in html
+        assert f">{with_interval(strike.phi, 180 / np.pi)}<" in html
+        assert f"{strike.edge_name} ({strike.axis_id})" in html
     assert estimate.result.inputs.content_id in html
     assert STILL.data_url in html
 
@@ -145,14 +151,17 @@ def test_ground_truth_is_shown_with_the_estimates(short, score, undrawn):
     parser.feed(page)
     assert parser.open == []
     shown = re.findall(r'<td class="n true">([^<]*)</td>', page)
-    digits = 3 if 1.96e3 * max(score["centre_of_mass_sd_m"]) < 0.2 else 2
+    factor = inertia_unit(short.result.inertia.value).factor
     com, phi = (
-        [number(1e3 * v, digits) for v in score["centre_of_mass_true_m"]],
+        [
+            number(1e3 * v, decimals(1.96e3 * sd))
+            for v, sd in zip(score["centre_of_mass_true_m"], score["centre_of_mass_sd_m"], strict=True)
+        ],
         [number(np.degrees(v), 3) for v in score["phi_true_rad"]],
     )
-    edge = [number(1e7 * v, 0) for v in score["i_edge_true_kg_m2"]]
+    edge = [number(factor * v, 3) for v in score["i_edge_true_kg_m2"]]
     about_c = [
-        number(1e7 * float(axis.direction @ carton().inertia @ axis.direction), 0)
+        number(factor * float(axis.direction @ carton().inertia @ axis.direction), 3)
         for axis in short.estimate.inertial.axes
     ]
     masses = [number(1e3 * v, 1) for v in score["region_mass_true_kg"]]

@@ -15,9 +15,13 @@ from analyze.result.answer import answer_evidence
 from tests.analyze.simulated_session import carton, session
 from tests.analyze.watched_page import A4_PX, DESKTOP, PHONE, watched
 
-PLOTS = 9 + 4 + 2
-"""number of plots: views, sources, influences, regions, voxels, moments, predictions; one per strike;
-stills"""
+PLOTS = 19 + 2
+"""number of plots: views, sources, influences, regions, voxels, moments; edges, predictions and motions of
+four strikes; stills"""
+
+
+LEAST_CONTRAST = 4.5
+"""contrast of text against the page that WCAG 2 asks for (level AA)"""
 
 
 def still(name: str) -> Still:
@@ -45,8 +49,46 @@ def test_report_opens_from_disk_and_draws_all_figures(chromium, report, size):
         assert shown.empty_plots() == []
         assert shown.overflowing() == []
         assert shown.cut_text() == []
+        assert shown.overlapping() == []
+        assert shown.overlapping_labels(".panels svg, .edges svg") == []
         assert shown.page.evaluate("document.documentElement.scrollWidth") <= size[0]
         assert shown.problems == []
+
+
+def test_report_follows_the_readers_dark_theme(chromium, report):
+    with watched(chromium, PHONE) as shown:
+        shown.page.emulate_media(color_scheme="dark")
+        shown.page.goto(report.as_uri())
+        assert min(shown.contrasts()) >= LEAST_CONTRAST
+        assert shown.picture().mean() < 90
+        assert shown.empty_plots() == []
+        shown.page.emulate_media(color_scheme="dark", media="print")
+        assert shown.picture().mean() > 180
+
+
+def test_contents_lead_to_each_section(chromium, report):
+    with watched(chromium, DESKTOP) as shown:
+        shown.page.goto(report.as_uri())
+        found = shown.page.evaluate(
+            "[...document.querySelectorAll('.toc a')].map(each => each.getAttribute('href').slice(1))"
+        )
+        headings = shown.page.evaluate("[...document.querySelectorAll('h2')].map(each => each.id)")
+        assert found == ["top", *headings]
+        assert len(set(found)) == len(found) > 5
+
+
+def test_checks_detect_overlapping_texts(chromium, tmp_path):
+    path = tmp_path / "overlapping.html"
+    path.write_text(
+        "<main><p style='margin:0'>first</p><p style='margin:-1em 0 0'>second</p><svg width='90' height='40'>"
+        "<g id='text_1'><rect width='30' height='9'/></g><g id='text_2'><rect x='20' width='30' height='9'/>"
+        "</g></svg><p>apart</p></main>",
+        encoding="utf-8",
+    )
+    with watched(chromium) as shown:
+        shown.page.goto(path.as_uri())
+        assert shown.overlapping() == ["first / second"]
+        assert shown.overlapping_labels("svg") == ["text_1 / text_2"]
 
 
 def test_report_prints_without_clipping(chromium, report):
