@@ -35,6 +35,7 @@ from acquire.virtual.station import ARM_INERTIA_KG_M2, ARM_LENGTH_M, DISTANCE_M,
 from acquire.virtual.tag_places import tag_places
 from schemas.document import DocumentError, read_text
 from schemas.object_spec import ObjectSpec, parse_object_spec
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -129,7 +130,8 @@ def read_own_object(path: Path, seed: int, truth_path: Path | None, folder: Path
         object_path.write_text(text, encoding="utf-8")
         sizes = sorted({f"{1000 * place.size_m:g}" for place in places}, key=float)
         notes.append(
-            f"{path.name} lists no tags: {len(places)} tags of {' and '.join(sizes)} mm are glued on"
+            f"{path.name} lists no tags: {counted(len(places), 'tag', 'is')} glued on, of"
+            f" {' and '.join(sizes)} mm"
         )
     else:
         exterior = _exterior(path, folder, str(path))

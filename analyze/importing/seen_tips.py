@@ -8,12 +8,12 @@ from itertools import islice
 
 from analyze.cameras.camera_file import CameraFile
 from analyze.errors import TrackingError
-from analyze.importing.camera_motion import camera_shift
 from analyze.importing.tip_view import TipView, tip_view
 from analyze.importing.windows import Clip, FoundTip, window_around
 from analyze.progress import Progress
 from analyze.sources.source import Frames, TimedImage
 from analyze.tracking.camera_model import camera_from_spec
+from analyze.tracking.camera_motion import camera_shift
 from analyze.types import ImageFrame, Marker
 
 MOTION_AFTER_ONSET_NS = 600_000_000

@@ -30,6 +30,7 @@ def shape(object_file: Path, output: Path | None, as_json: bool) -> None:
     from analyze.planning.view import refuse_off_surface
     from analyze.reading.object_file import read_object_files
     from schemas.output_file import write_bytes
+    from schemas.wording import counted
 
     refuse_outputs([output], inputs=[object_file])
     files = read_object_files(object_file)
@@ -45,7 +46,8 @@ def shape(object_file: Path, output: Path | None, as_json: bool) -> None:
         return
     size = " x ".join(f"{_MILLI * length:.1f}" for length in found["size_m"])
     click.echo(f"{found['name']}: {size} mm, {_CUBIC_CM * found['volume_m3']:.4g} cm³")
-    click.echo(f"mean density {found['density_kg_m3']:.0f} kg/m³, {found['faces']} faces, {found['form']}")
+    faces = counted(found["faces"], "face")
+    click.echo(f"mean density {found['density_kg_m3']:.0f} kg/m³, {faces}, {found['form']}")
     for note in found["notes"]:
         click.echo(f"note: {note}")
 

@@ -72,7 +72,7 @@ def test_file_without_tags_gets_some_and_is_complete(tmp_path: Path) -> None:
         assert T[:3, 3] @ T[:3, 2] > 0
         assert np.linalg.det(T) == pytest.approx(1.0)
     assert thing.virtual.camera_distance_m == DISTANCE_M
-    assert thing.notes == ("my thing (1).toml lists no tags: 6 tags of 30 mm are glued on",)
+    assert thing.notes == ("my thing (1).toml lists no tags: 6 tags are glued on, of 30 mm",)
 
 
 def test_tags_without_a_place_are_glued_on_where_the_file_does_not_know(tmp_path: Path) -> None:

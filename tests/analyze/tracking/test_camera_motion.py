@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from analyze.importing.camera_motion import camera_shift
 from analyze.importing.options import ImportOptions
 from analyze.importing.prepare import prepare
+from analyze.tracking.camera_motion import camera_shift
 from tests.analyze.importing.tip_videos import REST, setting, tip, write_video
 
 
