@@ -60,7 +60,8 @@ def camera_shift(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> CameraS
     if np.mean(moved < STILL_PX) > 1 - MIN_SHARE:
         return None
     fit, inside = cv2.estimateAffinePartial2D(start, end, ransacReprojThreshold=TOGETHER_PX)
-    if fit is None or np.mean(inside) < MIN_SHARE:
+    # OpenCV gives None where it finds no fit, which its types deny.
+    if fit is None or np.mean(inside) < MIN_SHARE:  # pyright: ignore[reportUnnecessaryComparison]
         return None
     turn = math.atan2(float(fit[1, 0]), float(fit[0, 0]))
     if abs(turn) > MAX_TURN:
@@ -85,7 +86,8 @@ def _followed(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> tuple[Arra
     strip, top = round(BORDER * width), round(BORDER * height)
     mask[:, :strip] = mask[:, -strip:] = mask[:top] = 255
     corners = cv2.goodFeaturesToTrack(first, 120, 0.02, 8, mask=mask)
-    if corners is None:
+    # OpenCV gives None where it finds no corner, which its types deny.
+    if corners is None:  # pyright: ignore[reportUnnecessaryComparison]
         return none
     # The last argument is only the place for the result.
     there, found, _ = cv2.calcOpticalFlowPyrLK(first, second, corners, corners.copy())

@@ -257,7 +257,9 @@ def test_a_newer_minor_schema_is_read(tmp_path: Path) -> None:
 
 def test_recover_refuses_what_it_cannot_save_and_what_exists(tmp_path: Path) -> None:
     whole = record(tmp_path / "whole.mcap", BLANK)
-    assert "exists already" in complaint(acquire, "recover", whole, "-o", whole)
+    assert "is also an input and would be replaced" in complaint(acquire, "recover", whole, "-o", whole)
+    taken = write(tmp_path / "taken.mcap", b"taken")
+    assert "exists already" in complaint(acquire, "recover", whole, "-o", taken)
     assert "no such recording: check the path" in complaint(acquire, "recover", tmp_path / "none.mcap")
     for folder in (".", "..", "/", tmp_path):
         assert f"{folder}: is a folder: name the recording in it" in complaint(acquire, "recover", folder)
@@ -271,7 +273,7 @@ def test_recover_refuses_what_it_cannot_save_and_what_exists(tmp_path: Path) -> 
     )
     assert "create it first" in complaint(acquire, "recover", whole, "-o", tmp_path / "gone" / "new.mcap")
     assert "is a folder: name a file in it" in complaint(acquire, "recover", whole, "-o", tmp_path)
-    assert names_in(tmp_path) == {"whole.mcap", "empty.mcap", "noise.mcap", "head.mcap"}
+    assert names_in(tmp_path) == {"whole.mcap", "taken.mcap", "empty.mcap", "noise.mcap", "head.mcap"}
 
 
 @pytest.mark.parametrize("verb", ["estimate", "report"])

@@ -160,7 +160,8 @@ def test_command_writes_page_and_tables(odd, tmp_path, monkeypatch):
     parser = Balanced()
     parser.feed(html)
     assert parser.open == []
-    assert parser.tags.count("svg") == 4  # centre of mass, moments, regions, angles
+    # A panel each: three of the centre of mass, six of moments, three of regions, six of angles.
+    assert parser.tags.count("svg") == parser.tags.count("figure") == 18
     assert "script" not in parser.tags
     assert "stands out" in html
     assert all(each.head.content_id in html for each in odd.sessions)
