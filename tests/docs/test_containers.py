@@ -102,6 +102,6 @@ def test_the_image_is_built_and_runs(name: str, tmp_path: Path) -> None:
     shutil.copy(ROOT / "recordings" / "sample-1.0.mcap", tmp_path)
     work = {
         "analysis": ["estimate", "sample-1.0.mcap"],
-        "rig": ["demo", "--strikes", "3", "-o", "/work/demo.mcap"],
+        "rig": ["demo", "--strikes", "3", "-o", "demo.mcap"],
     }[name]
-    subprocess.run([tool, "run", "--rm", "-v", f"{tmp_path}:/work", image, *work], check=True)
+    subprocess.run([tool, "run", "--rm", "-v", f"{tmp_path}:/data", image, *work], check=True)
