@@ -83,9 +83,9 @@ def planned_axis(axis_id: str) -> str:
 
 
 def next_take_over(found: TipMotion, task: StrikeTask) -> float | None:
-    """Tipping angle [rad] at which a fit over the planned edge should end, as the next line may carry then.
+    """Tipping angle [rad] at which a fit over the planned edge must end, as the next line may carry then.
 
-    None if the fit ends before, has no balance angle, or if by the shape another line carried at balance.
+    None if no line follows, if there is no fit, or if by the shape another line carried at balance.
 
     Args:
         found: the motion as analysed for the planned edge.
@@ -97,21 +97,27 @@ def next_take_over(found: TipMotion, task: StrikeTask) -> float | None:
     mine = nearest_to_planned(supports)
     top = float(np.max(angle.theta[slice(*fit.window)]))
     until = _carries_until(supports, mine, task)
-    if until is None or top <= until or carrying_line(supports, min(fit.phi, top)) != mine:
-        return None
-    return until
+    return until if carrying_line(supports, min(fit.phi, top)) == mine else None
+
+
+def reaches(found: TipMotion, until: float) -> bool:
+    """True if a motion was fitted beyond the tipping angle `until` [rad]."""
+    if found.fit is None or found.angle is None:
+        return False
+    return float(np.max(found.angle.theta[slice(*found.fit.window)])) > until
 
 
 def balanced_before(found: TipMotion, until: float) -> TipMotion:
     """Result of a strike fitted up to the take-over of the next line; a wrong edge if it balances later.
 
-    The motion up to there does not show over which of the two lines such a strike balanced.
+    The motion up to there does not show over which of the two lines such a strike balanced. An object that
+    rocked back turned about the planned edge alone.
 
     Args:
         found: the motion as analysed up to that angle.
         until: tipping angle [rad] from which the next line may carry.
     """
-    if found.fit is None or found.fit.phi < until:
+    if found.fit is None or found.verdict is Verdict.ROCKED_BACK or found.fit.phi < until:
         return found
     at = math.degrees(until)
     reason = f"balanced where the next edge takes over, at {at:.0f} deg or later: leave this edge out"

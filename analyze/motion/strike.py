@@ -17,7 +17,13 @@ from analyze.errors import EstimationError, TrackingError
 from analyze.motion.contact import with_contact_errors
 from analyze.motion.creep_error import creep_error
 from analyze.motion.fit_choice import fit_strike
-from analyze.motion.next_line import about_next_line, balanced_before, counted_for_line, next_take_over
+from analyze.motion.next_line import (
+    about_next_line,
+    balanced_before,
+    counted_for_line,
+    next_take_over,
+    reaches,
+)
 from analyze.motion.pendulum_motion import energy_ratio
 from analyze.motion.phases import Course, find_course, free_window, phases_of
 from analyze.motion.pivot_place import judge_place, judge_support, measure_pivot
@@ -120,8 +126,9 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
     """
     found = _analysed(motion, task, settings)
     if (until := next_take_over(found, task)) is not None:
-        again = _analysed(motion, replace(task, landing_angle_rad=until), settings)
-        return balanced_before(again, until)
+        if reaches(found, until):
+            found = _analysed(motion, replace(task, landing_angle_rad=until), settings)
+        return balanced_before(found, until)
     about = about_next_line(motion, task, found, settings.window)
     if about is None:
         return found
