@@ -11,7 +11,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 
 class CommitHook(BuildHookInterface):
-    """Adds `schemas/built_commit.txt`, which `schemas.software` reads where no checkout tells the commit.
+    """Adds `schemas/built_commit.txt`, which `schemas.software` reads where there is no checkout to ask.
 
     An editable installation gets none: it runs from its checkout.
     """

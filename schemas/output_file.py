@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 
 KEPT_SUFFIXES = (".mcap", ".toml")
-"""Suffixes of files that no command replaces unless it is told to: recordings, whose strikes cannot be
+"""Suffixes of files that no command replaces unless the user asks for it: recordings, whose strikes cannot be
 repeated, and settings, which people write. All others are computed from these two, and are replaced."""
 
 

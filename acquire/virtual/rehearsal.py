@@ -121,7 +121,7 @@ class _Recordings:
 
 
 def _instructions(devices: Devices, object_path: Path, rig_path: Path) -> list[str]:
-    """Lines that tell the user what runs, and which commands rehearse a session."""
+    """Lines for the user: what runs, and which commands rehearse a session."""
     rig, thing = shlex.quote(str(rig_path)), shlex.quote(str(object_path))
     folder = rig_path.parent
     plan, recording = (shlex.quote(str(folder / name)) for name in ("plan.json", "session.mcap"))

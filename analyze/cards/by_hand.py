@@ -17,7 +17,7 @@ FORCES = (
 
 
 def force_words(strike: PlannedStrike) -> tuple[str, str]:
-    """How hard to strike by hand: in a word, and as a familiar motion.
+    """Words for how hard to strike by hand: an adverb, and a familiar motion of the same impulse.
 
     Args:
         strike: strike as planned; the impulse [N s] that it aims at counts.

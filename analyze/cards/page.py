@@ -134,7 +134,7 @@ class Card:
 
     @property
     def how_hard(self) -> tuple[str, str, str]:
-        """How hard to strike by hand: in a word, as a familiar motion, and what shows that it was right."""
+        """Force of a strike by hand: an adverb, a familiar motion, and what shows that it was right."""
         return *force_words(self.strike), force_margin(self.strike)
 
     @property

@@ -39,7 +39,8 @@ def estimated_face_sd(planes: Sequence[EquiPlane], systematic: SystematicErrors,
         prior: Prior of the centre of mass.
     """
     sizes = systematic.face_sd * np.array(CANDIDATES)
-    # The widest of the errors explains most, so that its robust weights tell outliers from misplaced faces.
+    # The widest of the errors explains most, so that its robust weights separate outliers from
+    # misplaced faces.
     widest = solution = solve_joint(*with_face_sd(planes, systematic, sizes[-1]), prior)
     logs = np.empty(len(sizes))
     for number in reversed(range(len(sizes))):

@@ -104,8 +104,8 @@ def estimated_factors(
     """Factors on the stated sd of scatter and tilt, from the strikes.
 
     They are those with which a normal error has the 95 % interval of the posterior, in which the factor is
-    uncertain: the fewer strikes tell it, the larger, as with Student's t. The 95 % interval of the scatter's
-    factor is returned too. The problem is linearised at the unknowns `x`.
+    uncertain: the fewer strikes determine it, the larger, as with Student's t. The 95 % interval of the
+    scatter's factor is returned too. The problem is linearised at the unknowns `x`.
 
     Args:
         model: Model of the strikes, with the sds of scatter and tilt that `present` makes of the stated ones.

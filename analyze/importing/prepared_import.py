@@ -25,7 +25,7 @@ MAX_SLOW_MOTION_HZ = 61.0
 
 
 class Assignment(enum.Enum):
-    """How the sources were assigned to the planned strikes, in words for the user."""
+    """Rule by which the sources were assigned to the planned strikes; values are words for the user."""
 
     OPTION = "as --strike names them"
     NAMES = "by the files' names"

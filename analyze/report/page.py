@@ -71,7 +71,8 @@ def contents(page: Markup) -> list[tuple[str, str]]:
 
 def anchored(page: Markup) -> Markup:
     """HTML of a page with the anchors of `contents` on its headings (h2)."""
-    return Markup(_HEADING.sub(lambda found: f'<h2 id="{_anchor(found[1])}">{found[1]}</h2>', page))  # noqa: S704 - templates escaped it
+    html = _HEADING.sub(lambda found: f'<h2 id="{_anchor(found[1])}">{found[1]}</h2>', page)
+    return Markup(html)  # noqa: S704 - templates escaped it
 
 
 def _anchor(title: str) -> str:

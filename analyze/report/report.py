@@ -301,8 +301,9 @@ def _edges(answer: Answer) -> list[StruckEdge]:
             found[strike.axis_id].strikes.append(strike.id)
         else:
             name = strike.edge_name or strike.axis_id
-            drawing = Markup(edge_picture(shape, evidence.spec, evidence.planned(motion), name))  # noqa: S704 - texts escaped there
-            found[strike.axis_id] = StruckEdge(strike.axis_id, name, drawing, [strike.id])
+            drawing = edge_picture(shape, evidence.spec, evidence.planned(motion), name)
+            escaped = Markup(drawing)  # noqa: S704 - `edge_picture` escaped its texts
+            found[strike.axis_id] = StruckEdge(strike.axis_id, name, escaped, [strike.id])
     return list(found.values())
 
 

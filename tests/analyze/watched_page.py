@@ -155,8 +155,10 @@ def watched(browser: Browser, size: tuple[int, int] = DESKTOP) -> Iterator[Watch
     with _page(browser, size) as found:
         found.page.on(
             "console",
-            lambda told: (
-                found.problems.append(f"console: {told.text}") if told.type in {"error", "warning"} else None
+            lambda message: (
+                found.problems.append(f"console: {message.text}")
+                if message.type in {"error", "warning"}
+                else None
             ),
         )
         found.page.on(

@@ -29,7 +29,7 @@ AWAY_M = 0.45
 """distance of the camera from the tag that faces it [m]"""
 REST_S, LANDED_S = 0.6, 0.3
 ENERGY = 1.08
-"""kinetic energy after the blow over that needed to reach balance"""
+"""kinetic energy after the impact over that needed to reach balance"""
 FINE = 2
 """sub-pixels per pixel, along each axis"""
 WHITE, GREY, BLACK = 225, 120, 25

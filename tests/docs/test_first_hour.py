@@ -213,8 +213,8 @@ def test_the_front_pages_run_as_printed_and_end_with_an_answer(project: Path, ph
 
 
 def test_the_phone_tutorial_runs_as_printed_and_its_answer_holds_the_truth(phone: Path) -> None:
-    told = run(["analyze estimate teabox.mcap --json"], phone)
-    answer = json.loads(told)["centre_of_mass"]
+    printed = run(["analyze estimate teabox.mcap --json"], phone)
+    answer = json.loads(printed)["centre_of_mass"]
     off = np.array(answer["value"]) - json.loads((phone / "truth.json").read_text(encoding="utf-8"))
     assert np.abs(off).max() < 3e-4
 

@@ -1,6 +1,6 @@
 """`acquire check` against virtual devices, directly and through a daemon that holds them.
 
-The devices speak real GigE Vision and use a real pseudo-terminal.
+The devices use the real GigE Vision protocol and a real pseudo-terminal.
 """
 
 from __future__ import annotations

@@ -102,7 +102,7 @@ def test_an_assembly_of_touching_bodies_is_an_object(name):
 
 
 def test_own_vertex_numbers_separate_bodies_that_overlap_at_common_vertices():
-    """Two boxes share an edge and part of their insides: no angle at that edge tells them apart."""
+    """Two boxes share an edge and part of their insides: no angle at that edge distinguishes them."""
     pair = [box((0.04, 0.05, 0.04), (0, 0, 0)), box((0.03, 0.05, 0.06), (-0.005, 0, 0.01))]
     found = read(exported(pair, "ply"), "ply")
     assert [body.properties.volume for body in found] == pytest.approx([9e-5, 8e-5], rel=1e-6)

@@ -103,8 +103,8 @@ def test_stated_strain_of_the_image_is_in_the_error_of_phi():
         motion = seen(course.time[past], theta + turned, rng, slow_sd=0.5 * SLOW)
         fit = pivot_fit(motion.angle, (0, len(past)))
         for strain_sd, scores in ((0.0, without), (1e-3, stated), (UNSTATED_STRAIN_SD, unstated)):
-            told = replace(motion, angle=replace(motion.angle, strain_sd=strain_sd))
-            phi_sd = math.sqrt(with_slow_error(fit, told, rolls=False, radius=0.0).covariance[0, 0])
+            known = replace(motion, angle=replace(motion.angle, strain_sd=strain_sd))
+            phi_sd = math.sqrt(with_slow_error(fit, known, rolls=False, radius=0.0).covariance[0, 0])
             scores.append((fit.phi - body.phi) / phi_sd)
     assert np.sqrt(np.mean(np.square(without))) > 1.8
     assert 0.7 < np.sqrt(np.mean(np.square(stated))) < 1.3

@@ -17,7 +17,7 @@ from tests.analyze.motion.sliding import Body, push_for, simulate
 OFFSETS = (np.array([8e-3, 5e-3]), np.array([-6e-3, 9e-3]))
 """offsets of the followed point from the edge, along and off the table [m]"""
 HOP, HOP_SECONDS = 2e-4, 0.08
-"""height [m] and duration [s] of the edge's hop after the blow"""
+"""height [m] and duration [s] of the edge's hop after the impact"""
 
 
 def hopping_strike(offset, place_sd):

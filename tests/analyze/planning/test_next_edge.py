@@ -144,7 +144,7 @@ def test_line_that_takes_over_is_planned_for_with_the_same_placement():
         np.testing.assert_allclose(out, 4e-3 * np.array([np.cos(FIVE), np.sin(FIVE)]), atol=1e-5)
         np.testing.assert_array_equal(over.p_world_object, axis.p_world_object)
     assert all(over_next_line(after) is None for _, after in bottom_axes(3.0, 60.0))
-    assert all(over_next_line(after) is None for _, after in bottom_axes(1.5, 5.0)), "too near to be told"
+    assert all(over_next_line(after) is None for _, after in bottom_axes(1.5, 5.0)), "too near a line"
 
 
 def test_body_with_a_low_bevel_all_round_gets_a_plan_over_the_next_lines():

@@ -158,7 +158,7 @@ def test_refusal_keeps_warnings_about_the_shape(tmp_path: Path):
 
 
 def test_units_in_brackets_are_printed(tmp_path: Path):
-    """Rich takes [mm] for markup where it is not told otherwise."""
+    """Rich takes [mm] for markup unless markup is switched off."""
     done = run(str(ROOT / "docs" / "examples" / "teabox.toml"), "-o", str(tmp_path / "plan.json"))
     assert "[kg mm²]" in done.output
     assert "[mm]" in done.output
