@@ -1,4 +1,4 @@
-"""Data types that the stages of the analysis pass to each other, from images to equi-planes.
+"""Data types between the stages of the analysis; one file, as each is made from those before it.
 
 Recording -> MarkerTrack -> TipMotion -> EquiPlane; the types of what the strikes give together (centre of
 mass, inertia, inner masses) are in estimation/mass_properties.py. All are frozen dataclasses. SI units,

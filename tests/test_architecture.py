@@ -1,10 +1,9 @@
-"""Rules that a parser can check: imports, owners of libraries, documented shapes, colours."""
+"""Rules that a parser can check: who imports what, owners of libraries, pure packages, no shells."""
 
 from __future__ import annotations
 
 import ast
 import gc
-import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -16,9 +15,16 @@ import pytest
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("acquire", "analyze", "schemas")
-SOURCES = sorted(p for package in PACKAGES for p in (ROOT / package).rglob("*.py") if "_pb2" not in p.name)
+from tests.source_tree import (
+    MADE_AT_RUN_TIME,
+    ROOT,
+    SOURCES,
+    called_name,
+    imports_of,
+    name_of,
+    nodes_of,
+    parsed,
+)
 
 OWNERS = {
     "av": {
@@ -39,6 +45,14 @@ OWNERS = {
     "distributed": {"analyze/batch/cluster.py"},
     "duckdb": {"analyze/batch/query.py"},
     "fsspec": {"analyze/batch/"},
+    "matplotlib": {
+        "analyze/api/",
+        "analyze/replay/tip_drawing.py",
+        "analyze/report/",
+        "analyze/reproduce/",
+        "analyze/tags/pdf.py",
+        "analyze/verbs/calibrate/picture.py",
+    },
     "mcap": {"acquire/recorder/", "analyze/reading/recording.py", "analyze/sources/message_files.py"},
     # The second reads files back; no estimator does.
     "mujoco": {"acquire/virtual/", "analyze/export/read_back.py"},
@@ -123,7 +137,6 @@ CV2_ALLOWED = (
     "analyze/tags",
     "acquire/",
 )
-MADE_AT_RUN_TIME = "a name made at run time"
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -132,24 +145,6 @@ def no_search_for_garbage() -> Iterator[None]:
     gc.disable()
     yield
     gc.enable()
-
-
-SHAPE = re.compile(r"\(\.\.\.\)|\(\s*[\w.+*/ -]+,(\s*[\w.+*/ -]+,?)*\s*\)")
-"""a shape: (n,), (n, 3), (3, 3), or (...) for any"""
-ARRAY_SOURCES = [path for path in SOURCES if path.relative_to(ROOT).as_posix().startswith(tuple(PURE))]
-
-
-def _public_functions(tree: ast.Module) -> Iterator[ast.FunctionDef]:
-    for node in tree.body:
-        if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
-            yield node
-
-
-def _takes_or_gives_arrays(node: ast.FunctionDef) -> bool:
-    annotations = [argument.annotation for argument in (*node.args.args, *node.args.kwonlyargs)] + [
-        node.returns
-    ]
-    return any(re.search(r"\b(Array|IntArray|NDArray)\b", ast.unparse(each)) for each in annotations if each)
 
 
 def _module(path: Path) -> str:
@@ -162,12 +157,12 @@ def _top_level_imports(path: Path) -> list[tuple[int, str]]:
     only."""
     late = {
         inner
-        for node in _nodes(path)
+        for node in nodes_of(path)
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
         or (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test))
         for inner in range(node.lineno, (node.end_lineno or node.lineno) + 1)
     }
-    return [(line, name) for line, name in _imports(path) if line not in late]
+    return [(line, name) for line, name in imports_of(path) if line not in late]
 
 
 def _strongly_connected(graph: dict[str, set[str]]) -> Iterator[set[str]]:
@@ -183,56 +178,16 @@ def _strongly_connected(graph: dict[str, set[str]]) -> Iterator[set[str]]:
     yield from groups.values()
 
 
-@cache
-def _tree(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
-
-
-@cache
-def _name(path: Path) -> str:
-    return path.relative_to(ROOT).as_posix()
-
-
-@cache
-def _nodes(path: Path) -> tuple[ast.AST, ...]:
-    return tuple(ast.walk(_tree(path)))
-
-
-@cache
-def _imports(path: Path) -> list[tuple[int, str]]:
-    """(line, full name) of everything imported, also inside functions: of `from a import b` it is a.b,
-    relative names are made whole."""
-    package = path.relative_to(ROOT).parent.parts
-    found = []
-    for node in _nodes(path):
-        if isinstance(node, ast.Import):
-            found += [(node.lineno, alias.name) for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            above = package[: len(package) - node.level + 1] if node.level else ()
-            module = ".".join([*above, *([node.module] if node.module else [])])
-            found += [(node.lineno, f"{module}.{alias.name}") for alias in node.names]
-        elif isinstance(node, ast.Call) and _called(node) in {"import_module", "__import__"}:
-            name = node.args[0] if node.args else None
-            found.append(
-                (node.lineno, str(name.value) if isinstance(name, ast.Constant) else MADE_AT_RUN_TIME)
-            )
-    return found
-
-
-def _called(node: ast.Call) -> str:
-    return node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
-
-
 def _within(name: str, *packages: str) -> bool:
     return any(name == package or name.startswith(f"{package}.") for package in packages)
 
 
 def _violations(rule) -> list[str]:
     return [
-        f"{_name(path)}:{line}: imports {module}"
+        f"{name_of(path)}:{line}: imports {module}"
         for path in SOURCES
-        for line, module in _imports(path)
-        if rule(_name(path), module)
+        for line, module in imports_of(path)
+        if rule(name_of(path), module)
     ]
 
 
@@ -279,17 +234,6 @@ def test_no_module_imports_itself_in_a_circle():
     assert not circles
 
 
-@pytest.mark.parametrize("path", ARRAY_SOURCES, ids=_name)
-def test_public_array_functions_document_shapes(path):
-    """Arrays say how many axes they have and what runs along them, as (n, 3)."""
-    undocumented = [
-        f"{_name(path)}:{node.lineno}: {node.name}"
-        for node in _public_functions(_tree(path))
-        if _takes_or_gives_arrays(node) and not SHAPE.search(ast.get_docstring(node) or "")
-    ]
-    assert not undocumented
-
-
 @pytest.mark.parametrize("package", sorted(PURE))
 def test_a_pure_package_imports_only_what_is_listed(package):
     assert not _violations(
@@ -305,11 +249,11 @@ def test_a_pure_package_imports_only_what_is_listed(package):
 
 def test_the_estimators_are_pure():
     assert not [
-        f"{_name(path)}:{node.lineno}: calls {_called(node)}"
+        f"{name_of(path)}:{node.lineno}: calls {called_name(node)}"
         for path in SOURCES
-        if _name(path).startswith(tuple(PURE))
-        for node in _nodes(path)
-        if isinstance(node, ast.Call) and _called(node) in IMPURE_CALLS
+        if name_of(path).startswith(tuple(PURE))
+        for node in nodes_of(path)
+        if isinstance(node, ast.Call) and called_name(node) in IMPURE_CALLS
     ]
 
 
@@ -328,11 +272,11 @@ def test_the_estimators_are_pure():
     ],
 )
 def test_every_form_of_import_is_recognised(line, name, tmp_path, monkeypatch):
-    monkeypatch.setattr("tests.test_architecture.ROOT", tmp_path)
+    monkeypatch.setattr("tests.source_tree.ROOT", tmp_path)
     (tmp_path / "acquire").mkdir()
     path = tmp_path / "acquire" / "daemon.py"
     path.write_text(line, encoding="utf-8")
-    assert [found for _, found in _imports(path)] == [name]
+    assert [found for _, found in imports_of(path)] == [name]
 
 
 def test_only_named_modules_use_opencv():
@@ -342,9 +286,9 @@ def test_only_named_modules_use_opencv():
 def test_pickle_and_shells_are_not_used():
     assert not _violations(lambda path, module: _top(module) in {"pickle", "shelve", "marshal", "dill"})
     shells = [
-        f"{_name(path)}:{node.lineno}: shell=True"
+        f"{name_of(path)}:{node.lineno}: shell=True"
         for path in SOURCES
-        for node in _nodes(path)
+        for node in nodes_of(path)
         if isinstance(node, ast.keyword)
         and node.arg == "shell"
         and isinstance(node.value, ast.Constant)
@@ -358,47 +302,4 @@ def test_no_file_is_called_utils():
 
 
 def test_every_module_has_a_docstring():
-    assert not [str(p.relative_to(ROOT)) for p in SOURCES if ast.get_docstring(_tree(p)) is None]
-
-
-PLOTTERS = ("analyze/report/", "analyze/reproduce/", "analyze/verbs/calibrate/picture.py")
-
-
-def test_plot_colours_are_defined_in_the_style_file_only():
-    """A plot takes its colours by name from `analyze/report/style.py`; nothing and white are no colours."""
-    keywords = {
-        "color",
-        "colors",
-        "facecolor",
-        "facecolors",
-        "edgecolor",
-        "edgecolors",
-        "ecolor",
-        "mfc",
-        "mec",
-        "c",
-        "cmap",
-    }
-    found = []
-    for path in SOURCES:
-        if not _name(path).startswith(PLOTTERS) or _name(path).endswith("/style.py"):
-            continue
-        for node in _nodes(path):
-            if (
-                isinstance(node, ast.Constant)
-                and isinstance(node.value, str)
-                and re.fullmatch(r"#([0-9a-fA-F]{3,4}){1,2}", node.value)
-            ):
-                found.append(f"{_name(path)}:{node.lineno}: {node.value}")
-            if (
-                isinstance(node, ast.keyword)
-                and node.arg in keywords
-                and isinstance(node.value, ast.Constant)
-            ):
-                found += [f"{_name(path)}:{node.value.lineno}: {node.value.value}"] * (
-                    node.value.value not in {"none", "white"}
-                )
-    assert not found
-    # The moving picture of a strike has the replay's colours, by name from `analyze/replay/palette.py`.
-    others = (*PLOTTERS, "analyze/tags/pdf.py", "analyze/api/", "analyze/replay/tip_drawing.py")
-    assert not _violations(lambda path, module: _top(module) == "matplotlib" and not path.startswith(others))
+    assert not [str(p.relative_to(ROOT)) for p in SOURCES if ast.get_docstring(parsed(p)) is None]

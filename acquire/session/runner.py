@@ -40,7 +40,7 @@ face"""
 SERVO_TIMEOUT_S = 120.0
 """time for a person to mend the servo's cable or supply during a session [s]"""
 SERVO_RETRY_S = 0.5
-"""interval between attempts to reach the servo meanwhile [s]"""
+"""interval between attempts to reach a servo that does not answer [s]"""
 REST_TIMEOUT_S = 3.0
 """recorded time after the strike [s] after which the window is closed although the object moves: it has long
 landed and only rolls"""
@@ -49,7 +49,6 @@ LATE_TIMEOUT_S = 9.0
 because images may arrive late"""
 REST_MINIMUM_S = 0.9
 """shortest recorded time after the strike [s]: an object that hesitates at the balance point looks at rest"""
-
 
 Progress = Callable[[str, int, int], None]
 """called with a text, the number of planned strikes done, and the number of all planned strikes"""

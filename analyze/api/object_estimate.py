@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET
 
-import numpy as np
-
+from analyze.api.mass_properties import CentreOfMass, InertiaTensor, PartMass
 from analyze.api.tables import data_frame, html_table, text_table
 from analyze.errors import ExportError
-from analyze.export.body import ExportBody, inertial_of
+from analyze.export.body import inertial_of
+from analyze.export.export_source import ExportInput
 from analyze.export.formats import Format, why_misnamed
-from analyze.export.provenance import provenance
 from analyze.export.write import write_body
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.result.urdf_inertial import inertial_element
-from analyze.types import TENSOR_ENTRIES, tensor_entry_name
-from schemas.software import software_version
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -27,118 +23,6 @@ if TYPE_CHECKING:
     from analyze.result.answer import Answer
     from analyze.types import Array
     from schemas.quantity import Quantity
-
-
-@dataclass(frozen=True, eq=False)
-class CentreOfMass:
-    """Centre of mass c of the object without its markers, in O, the frame of the object's shape file.
-
-    If a marker (printed tag) that has a mass has no known pose, none is subtracted: all are included.
-    """
-
-    position: Array
-    """(3,) centre of mass [m] in O"""
-    covariance: Array
-    """(3, 3) covariance of `position` [m²]"""
-    observed: bool
-    """True if the strikes determine all three directions"""
-    unobserved_direction: Array | None
-    """(3,) unit vector in O along which c comes only from the assumption that it lies within the shape (the
-    prior); None if `observed`"""
-
-    @property
-    def sd(self) -> Array:
-        """Standard deviations (3,) [m] of the centre of mass along x, y, z of the shape file's frame."""
-        return np.sqrt(np.diag(self.covariance)).astype(np.float64)
-
-    @property
-    def interval95(self) -> Array:
-        """95 % intervals (3, 2) [m] of the centre of mass: lower and upper end for x, y, z."""
-        half = SIGMAS_95 * self.sd
-        return np.stack([self.position - half, self.position + half], axis=-1)
-
-    def __repr__(self) -> str:
-        """Centre of mass in mm with half widths of 95 % intervals; marked if a direction is not observed."""
-        pairs = zip("xyz", 1e3 * self.position, 1e3 * SIGMAS_95 * self.sd, strict=True)
-        text = ", ".join(f"{axis} {value:.2f} ± {half:.2f}" for axis, value, half in pairs)
-        return f"CentreOfMass({text} mm, 95 %{'' if self.observed else ', one direction not observed'})"
-
-
-@dataclass(frozen=True, eq=False)
-class InertiaTensor:
-    """Inertia tensor [kg m²] about the centre of mass, with standard deviations, in the axes of O.
-
-    O is the object frame, that of the shape file.
-    """
-
-    tensor: Array
-    """(3, 3) inertia tensor [kg m²]"""
-    sd: Array
-    """(3, 3) standard deviations [kg m²]"""
-    measured: np.ndarray[Any, np.dtype[np.bool_]]
-    """(3, 3) True for entries that strikes measured, False for those from the prior (plausible fillings of
-    the shape)"""
-
-    @property
-    def principal_moments(self) -> Array:
-        """Principal moments of inertia (3,) about the centre of mass [kg m²], ascending."""
-        return np.asarray(np.linalg.eigvalsh(self.tensor), dtype=np.float64)
-
-    @property
-    def principal_axes(self) -> Array:
-        """Principal axes of inertia (3, 3): unit vectors in O as columns, in order of ascending moments."""
-        return np.linalg.eigh(self.tensor)[1]
-
-    def __repr__(self) -> str:
-        """Six entries of the tensor with half widths of 95 % intervals, in one unit, 10^n kg m².
-
-        Entries that only the prior (assumption before any strike) determines are marked "(prior)".
-        """
-        entries = ", ".join(
-            f"{name} {text}" + ("" if source == "measured" else " (prior)")
-            for name, text, source in self.rows()
-        )
-        return f"InertiaTensor({entries}; 10^{self.power_of_ten} kg m², 95 %)"
-
-    @property
-    def power_of_ten(self) -> int:
-        """Exponent n of the unit 10^n kg m² for printing the inertia tensor: that of its largest entry."""
-        return int(np.floor(np.log10(np.abs(self.tensor).max())))
-
-    def rows(self) -> list[tuple[str, str, str]]:
-        """Six entries as text, Ixx, Iyy, Izz, Ixy, Ixz, Iyz, for tables.
-
-        Returns:
-            One tuple per entry: name; value ± half width of its 95 % interval, in 10^power_of_ten kg m²; and
-            "measured" if the strikes determine it, or "prior" if only the assumption before any strike does.
-        """
-        unit = 10.0**self.power_of_ten
-        return [
-            (
-                tensor_entry_name((i, j)),
-                f"{self.tensor[i, j] / unit:.3f} ± {SIGMAS_95 * self.sd[i, j] / unit:.3f}",
-                "measured" if self.measured[i, j] else "prior",
-            )
-            for i, j in TENSOR_ENTRIES
-        ]
-
-
-@dataclass(frozen=True)
-class PartMass:
-    """Mass [kg] of one part of the object, with its 95 % interval.
-
-    The part is a region (the shell, or the interior on one side of a plane) or one that the object file
-    labels.
-    """
-
-    name: str
-    """name of the region or part"""
-    mass: float
-    """mass [kg]"""
-    interval95: tuple[float, float]
-    """ends of the 95 % interval [kg]; may be asymmetric"""
-    observed: bool
-    """False if the moments do not determine the mass; the interval then holds all possible masses"""
 
 
 class ObjectEstimate:
@@ -220,7 +104,7 @@ class ObjectEstimate:
     def verdict(self) -> tuple[str, ...]:
         """Sentences on what to trust, then what to doubt, last which strikes to repeat.
 
-        Each begins with "trust", "doubt" or "repeat".
+        Each begins with "trust", "doubt", "not determined", "not checked" or "repeat".
         """
         return tuple(self._answer.result.verdict or ())
 
@@ -269,13 +153,16 @@ class ObjectEstimate:
 
     # The parameter bears the command line option's name.
     def export(self, output: str | Path, format: str = "urdf") -> tuple[Path, ...]:  # noqa: A002
-        """Write shape and inertial parameters for a simulator.
+        """Write shape and inertial parameters of the object for a simulator or ROS.
 
-        The file is written aside, read back by another library and compared before it is put in place.
+        The coefficient of friction that the rig file states is written too, if bodies of the format have one
+        (sdf, mjcf, gazebo). The file is written aside, read back by another library and compared before it is
+        put in place.
 
         Args:
-            output: the file; except for usd, a mesh is written beside it where the shape is no primitive.
-            format: urdf, sdf, mjcf or usd.
+            output: the file, or for gazebo the folder. A mesh is written beside the file, or in the folder,
+                unless the shape is a box or cylinder, or the format is usd or ros.
+            format: urdf, sdf, mjcf, usd, ros (a ROS 2 message, InertiaStamped) or gazebo (a model folder).
 
         Returns:
             Paths of the files written: `output`, then the mesh if there is one.
@@ -292,9 +179,7 @@ class ObjectEstimate:
         kind = Format(format)
         if (reason := why_misnamed(output, kind)) is not None:
             raise ExportError(reason)
-        result, evidence = self._answer.result, self._answer.estimate.evidence
-        origin = provenance(result, self.name, software_version())
-        body = ExportBody(self.name, evidence.model, inertial_of(result, self.name), origin)
+        body = ExportInput.from_answer(self._answer).body(kind, self.name)
         return tuple(write_body(body, kind, output))
 
     def figures(self) -> dict[str, Figure]:

@@ -1,4 +1,4 @@
-"""Read the input of an export: recordings, or a result (JSON) of an estimate with its object file."""
+"""Input of an export, read from recordings or a result (JSON) with its object file, and its exported body."""
 
 from __future__ import annotations
 
@@ -9,14 +9,18 @@ from pathlib import Path
 
 from analyze.cache.results import ResultCache
 from analyze.errors import ExportError
+from analyze.export.body import ExportBody, inertial_of
+from analyze.export.formats import WITH_FRICTION, Format
+from analyze.export.provenance import provenance
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.pipeline.estimate import EstimateOptions
 from analyze.progress import Progress
 from analyze.reading.object_file import read_object_files
-from analyze.result.answer import answer_recordings
+from analyze.result.answer import Answer, answer_recordings
 from analyze.result.given_results import read_result
 from schemas.object_spec import ObjectSpec
 from schemas.result import Result
+from schemas.software import software_version
 
 RESULT_SUFFIX = ".json"
 
@@ -33,6 +37,29 @@ class ExportInput:
     """exterior of the object"""
     friction: float | None = None
     """coefficient of friction between table and object, as the rig file states it; None if it does not"""
+
+    @classmethod
+    def from_answer(cls, answer: Answer) -> ExportInput:
+        """Input of an export from an answer that was estimated from recordings."""
+        evidence = answer.estimate.evidence
+        friction = stated_friction([head.rig_toml for head in evidence.recordings])
+        return cls(answer.result, evidence.spec, evidence.model, friction)
+
+    def body(self, wanted: Format, name: str) -> ExportBody:
+        """Body to be written in the format `wanted`: shape, inertial parameters, and their origin.
+
+        It has the stated coefficient of friction if bodies of the format have one.
+
+        Args:
+            wanted: format of the file.
+            name: name of the input, for messages.
+
+        Raises:
+            ExportError: the result has no complete, physically possible inertial parameters.
+        """
+        friction = self.friction if wanted in WITH_FRICTION else None
+        origin = provenance(self.result, self.spec.name, software_version(), friction)
+        return ExportBody(self.spec.name, self.model, inertial_of(self.result, name), origin, friction)
 
 
 def is_result(files: Sequence[Path]) -> bool:
@@ -98,9 +125,7 @@ def read_export_input(
     """
     if not is_result(files):
         answer = answer_recordings(files, EstimateOptions(object_path, exclude), progress, cache)
-        evidence = answer.estimate.evidence
-        rigs = [head.rig_toml for head in evidence.recordings]
-        return ExportInput(answer.result, evidence.spec, evidence.model, stated_friction(rigs))
+        return ExportInput.from_answer(answer)
     path = files[0]
     if object_path is None:
         raise ExportError(

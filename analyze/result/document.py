@@ -27,14 +27,13 @@ from schemas.document import sha256_text
 from schemas.quantity import Quantity
 from schemas.result import (
     AxisMoment,
-    JoinedRecording,
     PartResult,
     Parts,
     RegionResult,
     Regions,
     Result,
-    ResultInputs,
 )
+from schemas.result_inputs import JoinedRecording, ResultInputs
 from schemas.strike_result import StrikeResult, Verdict
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from analyze.errors import ExportError
-from analyze.export.formats import WITH_FRICTION, Format, why_misnamed
+from analyze.export.formats import Format, why_misnamed
 from analyze.verbs.options import chosen_cache, files_argument, one_line, path_option, with_estimate_options
 from analyze.verbs.outputs import refuse_outputs
 
@@ -98,16 +98,12 @@ def _write(source: ExportInput, kind: Format, output: Path, name: str) -> None:
         ExportError: the result has no complete or possible body, or the file is read back differently.
         OutputError: the file cannot be written.
     """
-    from analyze.export.body import ExportBody, inertial_of
-    from analyze.export.provenance import prior_entries, provenance
+    from analyze.export.provenance import prior_entries
     from analyze.export.write import write_body
     from analyze.types import tensor_entry_name
-    from schemas.software import software_version
 
     result = source.result
-    friction = source.friction if kind in WITH_FRICTION else None
-    origin = provenance(result, source.spec.name, software_version(), friction)
-    body = ExportBody(source.spec.name, source.model, inertial_of(result, name), origin, friction)
+    body = source.body(kind, name)
     written = write_body(body, kind, output)
     marks = "" if output.suffix.lower() == ".json" else "; the file marks them"
     if not result.centre_of_mass.observed:
@@ -119,7 +115,7 @@ def _write(source: ExportInput, kind: Format, output: Path, name: str) -> None:
     if prior := prior_entries(result):
         entries = ", ".join(map(tensor_entry_name, prior))
         click.echo(f"note: from the shape, not from strikes: {entries}{marks}", err=True)
-    if friction is not None:
+    if (friction := body.friction) is not None:
         click.echo(f"note: friction {friction:g} is the rig file's table_friction, not measured", err=True)
     where = "in it" if kind is Format.GAZEBO else "beside it"
     beside = "".join(f", with {path.name} {where}" for path in written[1:])

@@ -118,6 +118,13 @@ def test_report_and_export_accept_paths_as_text(found, tmp_path: Path, undrawn):
         found.export(tmp_path / "carton.step", format="step")
 
 
+def test_exported_body_has_the_stated_friction(found, tmp_path: Path, monkeypatch):
+    """As `analyze export` writes it; the sample's rig file states none."""
+    monkeypatch.setattr("analyze.export.export_source.stated_friction", lambda rigs: 0.63)
+    (path,) = found.export(tmp_path / "carton.xml", format="mjcf")
+    assert 'friction="0.63' in path.read_text()
+
+
 def test_excluded_strikes_are_not_used(recording):
     fewer = analyze.estimate(recording, exclude={"s3.1"})
     assert [row["id"] for row in fewer.to_dict()["strikes"] if row["used"]] == ["s1.1", "s2.2", "s4.1"]

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import rerun as rr
 from click.testing import CliRunner
-from rerun.chunk import RrdReader
 
 from analyze.cli import main
 from analyze.pipeline.read_evidence import read_strike
@@ -26,6 +25,7 @@ from analyze.replay.viewer import ReplayError, native_viewer
 from schemas import topics
 from schemas.document import canonical_json
 from schemas.session_manifest import MANIFEST_NAME
+from tests.analyze.replay.rrd_contents import RrdContents
 from tests.mcap_writer import McapWriter
 from tests.places import FIRST_SAMPLE
 
@@ -39,43 +39,6 @@ TOPICS = [
     topics.LOG,
 ]
 STRIKES = ["s1.1", "s2.2", "s3.1", "s4.1"]
-
-
-class RrdContents:
-    """Contents of a .rrd file, by entity."""
-
-    def __init__(self, path: Path) -> None:
-        self.chunks: dict[str, list] = {}
-        for chunk in RrdReader(path).stream().to_chunks():
-            self.chunks.setdefault(chunk.entity_path, []).append(chunk)
-
-    def rows(self, entity: str) -> int:
-        return sum(chunk.num_rows for chunk in self.chunks.get(entity, []) if not chunk.is_static)
-
-    def text(self, entity: str) -> str:
-        return self._cells(entity, "text")[-1]
-
-    def images(self, entity: str) -> list[bytes]:
-        return [bytes(blob) for blob in self._cells(entity, "blob")]
-
-    def seconds(self, entity: str) -> list[float]:
-        """Times [s] of an entity's rows since the contact."""
-        return [
-            time.total_seconds()
-            for chunk in self.chunks[entity]
-            if not chunk.is_static
-            for time in chunk.to_record_batch().column("since_contact").to_pylist()
-        ]
-
-    def _cells(self, entity: str, ending: str) -> list:
-        batches = [chunk.to_record_batch() for chunk in self.chunks[entity]]
-        return [
-            row[0]
-            for b in batches
-            for name in b.schema.names
-            if name.endswith(ending)
-            for row in b.column(name).to_pylist()
-        ]
 
 
 def _without_contacts(strikes):

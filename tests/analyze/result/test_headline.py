@@ -11,7 +11,8 @@ from analyze.result.digits import ScaledUnit, decimals, inertia_unit, open_inter
 from analyze.result.headline import edge_labels, further_warnings, headline
 from analyze.result.urdf_inertial import inertial_block
 from schemas.quantity import Quantity
-from schemas.result import Result, ResultInputs, ResultWarning, WarningCode
+from schemas.result import Result, ResultWarning, WarningCode
+from schemas.result_inputs import ResultInputs
 
 INERTIA = np.diag([1.109e-4, 1.231e-4, 4.86e-5])
 MEASURED = np.eye(3, dtype=bool)
