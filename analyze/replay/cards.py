@@ -18,6 +18,7 @@ from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.rotations import apply
 from analyze.replay.body import flat_mesh
 from analyze.replay.layout import scene_view, without_panels
+from analyze.replay.markdown import as_written, message
 from analyze.tags import families
 from analyze.tags.sheet import black_rectangles
 from analyze.types import Array, CameraModel
@@ -202,12 +203,15 @@ def card_text(card: Card) -> str:
         before = "Put it back exactly as before" if card.repeated else card.change
     measured_sd = strike.phi_measured_sd_rad
     precision = "" if measured_sd is None else f", measured to ±{np.degrees(measured_sd):.2f}°"
+    low, aim, high = strike.tip_speed_m_s.min, strike.tip_speed_m_s.target, strike.tip_speed_m_s.max
+    phi, phi_sd = np.degrees(strike.phi_predicted_rad), np.degrees(strike.phi_predicted_sd_rad)
+    steps = (card.put_down, card.on_line, card.set_striker)
     return (
-        f"# {card.number}: {before}\n\n1. {card.put_down}\n2. {card.on_line}\n3. "
-        f"{card.set_striker}\n\n**{strike.tip_speed_m_s.target:.2f} m/s** ({strike.tip_speed_m_s.min:.2f} to "
-        f"{strike.tip_speed_m_s.max:.2f}); tips over at **{np.degrees(strike.phi_predicted_rad):.0f}° ± "
-        f"{np.degrees(strike.phi_predicted_sd_rad):.0f}°**{precision}; needs friction µ of "
-        f"{strike.friction_needed:.2f} or more.\n\nstrike {strike.id}, {card.edge_name} ({strike.axis_id})\n"
+        f"# {card.number}: {message(before)}\n\n"
+        + "".join(f"{number}. {message(step)}\n" for number, step in enumerate(steps, 1))
+        + f"\n**{aim:.2f} m/s** ({low:.2f} to {high:.2f}); "
+        f"tips over at **{phi:.0f}° ± {phi_sd:.0f}°**{precision}; needs friction µ of {strike.friction_needed:.2f} or more.\n\n"
+        f"strike {as_written(strike.id)}, {as_written(f'{card.edge_name} ({strike.axis_id})')}\n"
     )
 
 

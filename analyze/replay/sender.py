@@ -9,6 +9,7 @@ import rerun as rr
 
 from analyze.errors import AnalyzeError, PlanError, RecordingError
 from analyze.replay.layout import ANSWER, StrikePage, layout
+from analyze.replay.markdown import message
 from analyze.replay.palette import Colour, distinct_colour
 from analyze.replay.pictures import ImageChoice, send_pictures
 from analyze.replay.session_scene import send_state_names
@@ -258,5 +259,8 @@ class Sender:
             send_strike_inside(self.timelines, reading.motion, self._body, answer, colours)
         text = answer_text(estimate.evidence.spec.name, answer.result)
         if self.damage:
-            text += f"\n- **The recording is damaged; the answer uses the readable part: {self.damage[0]}**"
+            text += (
+                "\n- **The recording is damaged; the answer uses the readable part: "
+                f"{message(self.damage[0])}**"
+            )
         self._send_text("/summary", text)

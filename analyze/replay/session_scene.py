@@ -12,6 +12,7 @@ import rerun as rr
 from google.protobuf.message import DecodeError
 
 from analyze.errors import RecordingError
+from analyze.replay.markdown import as_written
 from analyze.replay.palette import CYCLE, RED, SESSION, SKY, STRIKER
 from analyze.replay.timelines import strike_path
 from schemas import topics
@@ -127,8 +128,8 @@ def send_health(timelines: Timelines, recording: Recording) -> None:
         style = rr.SeriesLines(colors=[SKY], names=["camera to host, sd"], widths=[1.5])
         timelines.send_curve("/session/clock/mapping", time_ns[kept], None, 1e-3 * mapping[kept], style)
         words.append(
-            f"- camera {name}: {counted(len(found), 'frame')}, **{int(total[-1])} lost**; time accurate to "
-            f"{1e-3 * np.median(mapping):.0f} µs (1 sd)"
+            f"- camera {as_written(name)}: {counted(len(found), 'frame')}, **{int(total[-1])} lost**; "
+            f"time accurate to {1e-3 * np.median(mapping):.0f} µs (1 sd)"
         )
     clocks: dict[str, list[tuple[int, int, int]]] = {}
     for message, sample in recording.decoded(topics.CLOCK_SAMPLE.name, pb.ClockSample):
@@ -143,7 +144,7 @@ def send_health(timelines: Timelines, recording: Recording) -> None:
         )
         timelines.send_curve(path, time_ns, None, 1e-3 * deviation, style)
         words.append(
-            f"- clock {clock}: {counted(len(samples), 'sample')}, drift {drift:+.1f} ppm, "
+            f"- clock {as_written(clock)}: {counted(len(samples), 'sample')}, drift {drift:+.1f} ppm, "
             f"{1e-3 * np.std(deviation):.0f} µs rms deviation from a straight line"
         )
     timelines.log_static("/session/text", rr.TextDocument("\n".join(words), media_type="text/markdown"))

@@ -31,7 +31,12 @@ _IMAGE_BOX = (0.012, 0.03, 0.42, 0.94)
 _ANGLE_BOX, _RESIDUAL_BOX = (0.515, 0.36, 0.46, 0.46), (0.515, 0.12, 0.46, 0.15)
 _MARGIN = 0.05
 """width of image around what is drawn over it, as a fraction of the larger side"""
-_STYLE: dict[RcKeyType, Any] = {"font.size": 11.0, "font.family": "DejaVu Sans", "axes.linewidth": 0.8}
+_STYLE: dict[RcKeyType, Any] = {
+    "font.size": 11.0,
+    "font.family": "DejaVu Sans",
+    "axes.linewidth": 0.8,
+    "text.parse_math": False,  # a dollar sign in a name is a dollar sign
+}
 
 
 class TipDrawing:
@@ -231,12 +236,10 @@ def _residual_limits(strike: AnimatedStrike) -> tuple[float, float]:
 
 
 def _drawable(text: str, most: int = 28) -> str:
-    """Text as matplotlib draws it: at most `most` signs, a box for those that its font lacks, "$" kept."""
+    """Text as the font can show it: at most `most` signs, a box for those that it lacks."""
     font = get_font(findfont(_STYLE["font.family"]))
     shown = "".join(each if font.get_char_index(ord(each)) else "□" for each in text)
-    shown = shown if len(shown) <= most else f"{shown[: most - 1]}…"
-    # A dollar sign would begin a formula.
-    return shown.replace("$", r"\$")
+    return shown if len(shown) <= most else f"{shown[: most - 1]}…"
 
 
 def _rgb(colour: Colour) -> tuple[float, float, float]:

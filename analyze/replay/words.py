@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.least_squares.intervals import SIGMAS_95
+from analyze.replay.markdown import as_written, message
 from analyze.result.digits import open_interval, with_interval
 from analyze.result.headline import edge_labels, further_warnings, headline
 from schemas.wording import counted
@@ -27,7 +28,11 @@ def answer_text(name: str, result: Result) -> str:
     """
     shown, labels = headline(result), edge_labels(result)
     used = sum(strike.used for strike in result.strikes)
-    lines = [f"# {name}", "", f"{shown.mass}; {used} of {counted(len(result.strikes), 'strike')} used."]
+    lines = [
+        f"# {as_written(name)}",
+        "",
+        f"{shown.mass}; {used} of {counted(len(result.strikes), 'strike')} used.",
+    ]
     lines += ["", "## Centre of mass [mm]", "", "| x | y | z |", "|--:|--:|--:|"]
     lines += [f"| {' | '.join(entry.text for entry in shown.com)} |", ""]
     lines += [shown.com_note] * bool(shown.com_note)
@@ -45,20 +50,23 @@ def answer_text(name: str, result: Result) -> str:
     lines += ["", "| principal moment | along |", "|--:|--:|"]
     lines += [f"| {each.moment.marked} | {each.direction} |" for each in shown.principal]
     lines += ["", shown.tensor_note] * bool(shown.tensor_note)
-    lines += ["", *(f"- {sentence}" for sentence in result.verdict or [])]
+    lines += ["", *(f"- {message(sentence)}" for sentence in result.verdict or [])]
     if result.regions is not None:
         lines += ["", "## Region masses [g]", "", "| region | 95 % |", "|:--|--:|"]
-        lines += [f"| {each.name} | {open_interval(each.mass, 1e3)} |" for each in result.regions.regions]
+        lines += [
+            f"| {as_written(each.name)} | {open_interval(each.mass, 1e3)} |"
+            for each in result.regions.regions
+        ]
     lines += ["", f"## Moments by edge [{shown.unit.label}]", ""]
     lines += ["| edge | about the edge | about the centre of mass |", "|:--|--:|--:|"]
     lines += [
-        f"| {labels[each.axis_id]} | {with_interval(each.i_edge, shown.unit.factor)} | "
+        f"| {as_written(labels[each.axis_id])} | {with_interval(each.i_edge, shown.unit.factor)} | "
         f"{with_interval(each.i_com, shown.unit.factor)} |"
         for each in result.moments
     ]
     if shown.urdf is not None:
         lines += ["", "## For URDF, in kg and m", "", "```xml", shown.urdf, "```"]
-    lines += ["", *(f"- *{warning.text}*" for warning in further_warnings(result))]
+    lines += ["", *(f"- *{message(warning.text)}*" for warning in further_warnings(result))]
     return "\n".join(lines)
 
 
@@ -75,7 +83,7 @@ def waiting_text(name: str, done: int, total: int | None) -> str:
         if total is not None
         else f"{counted(done, 'strike')} so far; the session is still running."
     )
-    return f"# {name}\n\n**No answer yet.** {far}"
+    return f"# {as_written(name)}\n\n**No answer yet.** {far}"
 
 
 def no_answer_text(name: str, problems: Sequence[str]) -> str:
@@ -85,7 +93,8 @@ def no_answer_text(name: str, problems: Sequence[str]) -> str:
         name: name of the recording, the heading.
         problems: reasons, one line each.
     """
-    return "\n".join([f"# {name}", "", "**No answer.**", "", *(f"- {problem}" for problem in problems)])
+    listed = [f"- {message(problem)}" for problem in problems]
+    return "\n".join([f"# {as_written(name)}", "", "**No answer.**", "", *listed])
 
 
 def strike_text(motion: TipMotion) -> str:
@@ -94,7 +103,8 @@ def strike_text(motion: TipMotion) -> str:
     Fits, residual and energy ratio (kinetic energy over the energy needed to tip) are left out where there
     is no fit.
     """
-    lines = [f"**{motion.strike_id}: {motion.verdict.value.replace('_', ' ')}.** {motion.reason}", ""]
+    verdict = motion.verdict.value.replace("_", " ")
+    lines = [f"**{as_written(motion.strike_id)}: {verdict}.** {message(motion.reason)}", ""]
     for fit, used in ((motion.fit, "used"), *((other, "for comparison") for other in motion.alternatives)):
         if fit is not None:
             sd = np.degrees(np.sqrt(fit.covariance[0, 0]))
@@ -123,5 +133,5 @@ def unread_text(strike_id: str, verdict: str, why: str) -> str:
         verdict: verdict on the strike reached during the session; "" if there is none.
         why: reason why the motion was not measured.
     """
-    session_verdict = f" Verdict of the session: {verdict}." if verdict else ""
-    return f"**{strike_id}.**{session_verdict} {why}".strip()
+    session_verdict = f" Verdict of the session: {as_written(verdict)}." if verdict else ""
+    return f"**{as_written(strike_id)}.**{session_verdict} {message(why)}".strip()

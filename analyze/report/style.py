@@ -64,6 +64,7 @@ _COLOUR = re.compile(rf"\b(fill|stroke|stop-color): ({'|'.join(THEMED)})\b")
 _SETTINGS: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 8.5,
+    "text.parse_math": False,  # a dollar sign in a name is a dollar sign
     "axes.edgecolor": MUTED,
     "axes.labelcolor": INK,
     "axes.linewidth": 0.7,

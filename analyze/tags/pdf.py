@@ -38,7 +38,7 @@ def pdf_bytes(pages: Sequence[Page]) -> bytes:
     """Bytes of a PDF file of the pages, the same on every run with the same matplotlib."""
     data = io.BytesIO()
     with (
-        mpl.rc_context({"font.family": "DejaVu Sans"}),
+        mpl.rc_context({"font.family": "DejaVu Sans", "text.parse_math": False}),
         PdfPages(data, metadata={"Creator": "Percuss", "Producer": None, "CreationDate": None}) as file,
     ):
         for page in pages:

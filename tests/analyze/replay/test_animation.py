@@ -79,7 +79,7 @@ def _pixels(picture: np.ndarray, colour: tuple[int, int, int]) -> int:
 
 
 def test_strange_names_are_drawn(strike):
-    odd = dataclasses.replace(strike, object_name="$x^{_ [b] 茶 " * 5)
+    odd = dataclasses.replace(strike, object_name="$x^{_$ [b] 茶 " * 5)
     assert TipDrawing(odd, "").picture(0).any()
 
 
