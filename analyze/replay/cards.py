@@ -210,7 +210,8 @@ def card_text(card: Card) -> str:
         f"# {card.number}: {message(before)}\n\n"
         + "".join(f"{number}. {message(step)}\n" for number, step in enumerate(steps, 1))
         + f"\n**{aim:.2f} m/s** ({low:.2f} to {high:.2f}); "
-        f"tips over at **{phi:.0f}° ± {phi_sd:.0f}°**{precision}; needs friction µ of {strike.friction_needed:.2f} or more.\n\n"
+        f"tips over at **{phi:.0f}° ± {phi_sd:.0f}°**{precision}; "
+        f"needs friction µ of {strike.friction_needed:.2f} or more.\n\n"
         f"strike {as_written(strike.id)}, {as_written(f'{card.edge_name} ({strike.axis_id})')}\n"
     )
 
