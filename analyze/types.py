@@ -74,6 +74,22 @@ class Marker:
 
 
 @dataclass(frozen=True)
+class RestTurn:
+    """Turn of the object at rest about the pivot axis, against its planned pose, as one marker shows it."""
+
+    angle: float
+    """turn [rad], positive towards the tip"""
+    sd: float
+    """1 sigma [rad] of the error that is this strike's own"""
+    marker: str
+    """name of the marker"""
+    marker_sd: float
+    """1 sigma [rad] of the error of the marker's pose on the object, which all views of the marker share"""
+    camera: str
+    """name of the camera's pose in the world frame, whose error all views from it share"""
+
+
+@dataclass(frozen=True)
 class ImageFrame:
     """One grey image of a recording, with its time."""
 
@@ -299,6 +315,8 @@ class TipMotion:
     carried_by: SupportLine | None = None
     """line that took over from the planned pivot edge before balance, to which the fit belongs; None if the
     fit belongs to the planned edge"""
+    rest_turns: tuple[RestTurn, ...] = ()
+    """turns of the object at rest against its planned pose, one by each marker whose place on it is known"""
 
 
 class RadiusSource(enum.Enum):
@@ -391,6 +409,9 @@ class EquiPlane:
     which the object is put down turned; None where no such error acts"""
     by_radius: tuple[float, float] = (0.0, 0.0)
     """errors of phi [rad/m] and k [rad/s^2/m] per metre by which the radius exceeds `edge_radius`"""
+    phi_by_rest: Array | None = None
+    """(n,) change of phi [rad] by 1 sd of each of the n errors of the turns at rest of all strikes, which
+    markers show; None where no marker shows them"""
     facet_rad: float = 0.0
     """tipping angle [rad] at which the face that ends at the pivot line lies on the table: 0 for the resting
     face; larger if the line took over from the planned edge"""

@@ -51,6 +51,8 @@ class WarningCode(enum.Enum):
     FRAME_RATE_UNCHECKED = "frame_rate_unchecked"
     SHAPE_ERROR_ASSUMED = "shape_error_assumed"
     STRIKES_SCATTER = "strikes_scatter"
+    REST_TURNED = "rest_turned"
+    MARKER_MOVED = "marker_moved"
 
 
 class ResultWarning(Document):

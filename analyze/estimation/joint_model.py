@@ -64,7 +64,8 @@ class JointModel:
     - for each of these faces, the part of the radius that its edges share, where the object rests on it;
     - two of lean for each further levelling (set-up of the table with one lean);
     - an angle for each further heading (direction of the tip) of an axis: the camera sees another side;
-    - three for the turn of all markers on the object, where strikes over round rims depend on it.
+    - three for the turn of all markers on the object, where strikes over round rims depend on it;
+    - those of the turns of the object at rest, where markers show them (rest_turns.py).
 
     Args:
         planes: Equi-planes of the strikes: planes through pivot line and c, with the measured phi.
@@ -104,8 +105,8 @@ class JointModel:
                 first_seen = all(axis != plane.axis_id for axis, _ in angles)
                 angles[key] = self._first[plane.axis_id] + ANGLE if first_seen else further
                 further += not first_seen
-        turned = further
-        self.count = further + 3 * any(plane.phi_by_turn is not None for plane in planes)
+        rested = further + 3 * any(plane.phi_by_turn is not None for plane in planes)
+        self.count = rested + max(0 if p.phi_by_rest is None else len(p.phi_by_rest) for p in planes)
         n = len(planes)
         self._point = np.array([plane.point for plane in planes])
         self._along = np.array([plane.direction for plane in planes])
@@ -128,8 +129,9 @@ class JointModel:
             self._lean[i] = towards @ tilt.lean
             self._turn[i, self.tilt_terms(plane.level)] = towards * tilt.sd
             self._turn[i, angles[plane.axis_id, plane.heading]] = systematic.axis_angle_sd
-            if plane.phi_by_turn is not None:
-                self._turn[i, turned:] = plane.phi_by_turn
+            for start, by in ((further, plane.phi_by_turn), (rested, plane.phi_by_rest)):
+                if by is not None:
+                    self._turn[i, start : start + len(by)] = by
             self._turn[i] += plane.by_radius[0] * self._radius_error[i]
             if scale is not None:
                 if plane.k is not None:

@@ -135,19 +135,21 @@ def estimated_factors(
             for factor in TILT_FACTORS.tolist()
         ]
     )
-    density += _log_prior(SCATTER_FACTORS, SCATTER_SCALE) + _log_prior(TILT_FACTORS, TILT_SCALE)[:, None]
+    density += (
+        factor_log_prior(SCATTER_FACTORS, SCATTER_SCALE) + factor_log_prior(TILT_FACTORS, TILT_SCALE)[:, None]
+    )
     probability = np.exp(density - density.max())
     probability /= probability.sum()
     scatter = probability.sum(axis=0)
     low, high = np.interp([TAIL_95, 1 - TAIL_95], np.cumsum(scatter), SCATTER_FACTORS)
     return ErrorFactors(
-        _normal_factor(SCATTER_FACTORS, scatter),
-        _normal_factor(TILT_FACTORS, probability.sum(axis=1)),
+        normal_factor(SCATTER_FACTORS, scatter),
+        normal_factor(TILT_FACTORS, probability.sum(axis=1)),
         (float(low), float(high)),
     )
 
 
-def _normal_factor(factors: Array, probability: Array) -> float:
+def normal_factor(factors: Array, probability: Array) -> float:
     """Factor with which a normal error has the 95 % interval of one whose factor is uncertain.
 
     Args:
@@ -162,12 +164,12 @@ def _normal_factor(factors: Array, probability: Array) -> float:
     return high
 
 
-def _log_prior(factors: Array, scale: float) -> Array:
+def factor_log_prior(factors: Array, scale: float, freedom: float = PRIOR_FREEDOM) -> Array:
     """Log density of the logarithm of factors (n,) on a stated sd, up to a constant.
 
-    The factors' squares are scaled inverse chi-squared, with `PRIOR_FREEDOM` and the square of `scale`.
+    The factors' squares are scaled inverse chi-squared, with `freedom` and the square of `scale`.
     """
-    return np.asarray(-PRIOR_FREEDOM * (np.log(factors) + 0.5 * (scale / factors) ** 2), dtype=np.float64)
+    return np.asarray(-freedom * (np.log(factors) + 0.5 * (scale / factors) ** 2), dtype=np.float64)
 
 
 def _log_likelihood(covariance: Array, by_scatter: Array, residual: Array) -> Array:

@@ -9,6 +9,8 @@ object, as a prior with standard deviations of 0.02 rad (tilt) and 0.3 rad (dire
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from analyze.least_squares.gauss_newton import Linearised, gauss_newton
 from analyze.tracking.camera_model import project_ideal, project_jacobian
 from analyze.tracking.pose import marker_corners, solve_pose
+from analyze.types import MARKER_TURN_SD, RestTurn
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,8 +35,24 @@ _DIRECTION_SD = 0.3
 itself"""
 MODEL_PX = 0.01
 """floor of the mean corners' sd [px]: lens model and printing of the code, which do not average out"""
+UNMEASURED_TURN_SD = 0.1
+"""standard deviation [rad] of a marker's turn on the object that nobody measured: none is stated, or one as
+large as that which is then assumed"""
 _MAX_STEPS, _STEP_TOLERANCE = 12, 1e-9
 """Gauss-Newton steps, and the step [rad, m] that ends them"""
+
+
+@dataclass(frozen=True)
+class RestPose:
+    """Pose of a marker at rest in the camera frame, and the error of its rotation."""
+
+    R: Array
+    """(3, 3) rotation R_camera_marker"""
+    p: Array
+    """(3,) position p_camera_marker [m]"""
+    turn_covariance: Array | None = None
+    """(3, 3) covariance of small turns about the marker's own axes [rad^2]; None if the marker's place on the
+    object is unknown"""
 
 
 def rest_pose(
@@ -43,12 +62,12 @@ def rest_pose(
     marker: Marker,
     camera: CameraModel,
     R_world_object: Array,
-) -> tuple[Array, Array]:
-    """Rotation R_camera_marker (3, 3) and position p_camera_marker (3,) [m] of a marker at rest.
+) -> RestPose:
+    """Pose of a marker at rest in the camera frame.
 
-    They map the marker frame to the camera frame, and fit the median corners, with the planned orientation as
-    a prior. If the marker's place on the object is unknown there is no prior: of the two poses that fit a
-    square, the one nearer to the tracked pose is taken; if the corners give no pose, the tracked one.
+    It fits the median corners, with the planned orientation as a prior. If the marker's place on the object
+    is unknown there is no prior: of the two poses that fit a square, the one nearer to the tracked pose is
+    taken; if the corners give no pose, the tracked one.
 
     Args:
         corners_ideal: (n, 4, 2) corners in the still frames (object at rest) [ideal px: without lens
@@ -65,10 +84,10 @@ def rest_pose(
     if marker.T_object_marker is None:
         pair = solve_pose(mean, marker.size, camera.K)
         if pair is None:
-            return R_start, p_start
+            return RestPose(R_start, p_start)
         turns = [float(np.trace(R.T @ R_start)) for R in pair.R_camera_marker]
         best = int(np.argmax(turns))
-        return pair.R_camera_marker[best], pair.p_camera_marker[best]
+        return RestPose(pair.R_camera_marker[best], pair.p_camera_marker[best])
     R_nominal = camera.T_world_camera[:3, :3].T @ R_world_object @ marker.T_object_marker[:3, :3]
     sd = max(MODEL_PX, float(np.median(track.corner_sd_px[still])) / np.sqrt(max(1, np.count_nonzero(still))))
     prior_sd = np.array([_TILT_SD, _TILT_SD, _DIRECTION_SD])
@@ -95,7 +114,44 @@ def rest_pose(
         prior = np.hstack([np.diag(1.0 / prior_sd), np.zeros((3, 3))])
         return Linearised(np.concatenate([residual, -away]), np.concatenate([seen, prior]))
 
-    return gauss_newton((R_nominal.copy(), p_start.copy()), linearise, _moved, _MAX_STEPS, _STEP_TOLERANCE)
+    found = gauss_newton((R_nominal.copy(), p_start.copy()), linearise, _moved, _MAX_STEPS, _STEP_TOLERANCE)
+    rows = linearise(found).jacobian
+    if not np.all(np.isfinite(rows)):
+        return RestPose(*found)
+    return RestPose(*found, np.asarray(np.linalg.pinv(rows.T @ rows)[:3, :3], dtype=np.float64))
+
+
+def rest_turn(
+    pose: RestPose, marker: Marker, camera: CameraModel, R_world_object: Array, systematic_sd: float
+) -> RestTurn | None:
+    """Turn of the object at rest about the pivot axis (y of W), as one marker shows it; None if it does not.
+
+    A marker with an unknown place on the object, or turned by more than 0.3 rad, shows nothing.
+
+    Args:
+        pose: the marker's pose at rest.
+        marker: marker with its place on the object, if known.
+        camera: camera with its pose in the world frame W.
+        R_world_object: (3, 3) planned rotation from object frame O to W.
+        systematic_sd: standard deviation [rad] of the angle's error by lens and printing.
+    """
+    if marker.T_object_marker is None or pose.turn_covariance is None:
+        return None
+    R_world_marker = camera.T_world_camera[:3, :3] @ pose.R
+    turned = R_world_marker @ marker.T_object_marker[:3, :3].T @ R_world_object.T
+    vector = Rotation.from_matrix(turned).as_rotvec()
+    if not float(np.linalg.norm(vector)) < _DIRECTION_SD:
+        return None
+    axis = R_world_marker[1]
+    by_image = math.sqrt(float(axis @ pose.turn_covariance @ axis))
+    place = " ".join(f"{value:.6f}" for value in camera.T_world_camera[:3].ravel().tolist())
+    return RestTurn(
+        angle=float(vector[1]),
+        sd=math.hypot(by_image, systematic_sd, 0.5 * camera.strain_sd),
+        marker=str(marker.id),
+        marker_sd=marker.turn_sd if marker.turn_sd < MARKER_TURN_SD else UNMEASURED_TURN_SD,
+        camera=place,
+    )
 
 
 def _moved(pose: tuple[Array, Array], step: Array) -> tuple[Array, Array]:

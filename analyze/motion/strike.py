@@ -124,6 +124,11 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
         reach balance) are None if the object did not tip, nothing fits, or the balance angle is too
         uncertain; tipping angle and phases too if the images end too early.
     """
+    return replace(_about_carrying_line(motion, task, settings), rest_turns=motion.rest_turns)
+
+
+def _about_carrying_line(motion: PlanarMotion, task: StrikeTask, settings: MotionSettings) -> TipMotion:
+    """Result of a strike about the line that carried the object at balance, as `analyse_motion`."""
     found = _analysed(motion, task, settings)
     if (until := next_take_over(found, task)) is not None:
         if reaches(found, until):

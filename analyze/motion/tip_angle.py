@@ -13,14 +13,14 @@ all six unknowns of a frame serves a body that wobbles.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from analyze.errors import EstimationError, TrackingError
-from analyze.motion.rest_pose import MODEL_PX, rest_pose
+from analyze.motion.rest_pose import MODEL_PX, RestPose, rest_pose, rest_turn
 from analyze.tracking.camera_model import project_ideal, project_jacobian, undistort, world_to_camera
 from analyze.tracking.pose import marker_corners
 from analyze.types import TipAngle
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from analyze.types import Array, CameraModel, IntArray, Marker, MarkerTrack
+    from analyze.types import Array, CameraModel, IntArray, Marker, MarkerTrack, RestTurn
 
 _MAX_PLANAR_CHI2 = 3.0
 """chi^2 per degree of freedom above which the motion is not taken as planar"""
@@ -94,6 +94,8 @@ class PlanarMotion:
     place_sd: float | None = None
     """standard deviation [m] of the pivot's place by those of the markers on the object; None if no marker's
     place is known"""
+    rest_turns: tuple[RestTurn, ...] = ()
+    """turns of the object at rest against its planned pose, one by each marker whose place on it is known"""
 
 
 @dataclass(frozen=True)
@@ -113,6 +115,8 @@ class _Views:
     """(m, 4, 3) corners at rest in W [m]"""
     theta: Array
     """(n,) first guess of theta [rad]"""
+    at_rest: tuple[tuple[Marker, RestPose], ...]
+    """the m markers with their poses at rest"""
 
 
 def tip_angle(
@@ -194,9 +198,10 @@ def tip_angle(
     covariance = (
         to_slip @ chosen.covariance[:, :3, :3] @ to_slip.T * (random / single * bad)[:, None, None] ** 2
     )
-    return PlanarMotion(
-        angle, motion[:, 2], position_sd, off_axis_sd, yaw, covariance, _place_sd(tracks, by_id, placement)
-    )
+    place_sd, R_planned = _place_sd(tracks, by_id, placement), placement.R_world_object
+    turns = [rest_turn(pose, marker, camera, R_planned, systematic) for marker, pose in views.at_rest]
+    seen = tuple(turn for turn in turns if turn is not None)
+    return PlanarMotion(angle, motion[:, 2], position_sd, off_axis_sd, yaw, covariance, place_sd, seen)
 
 
 def _place_sd(
@@ -247,8 +252,12 @@ def _without_wild_frames(views: _Views, solution: _Solution) -> tuple[_Views, _S
     if np.all(sound):
         return views, solution
     return (
-        _Views(
-            views.time_ns[sound], views.ideal[sound], views.sd[sound], views.corners_world, views.theta[sound]
+        replace(
+            views,
+            time_ns=views.time_ns[sound],
+            ideal=views.ideal[sound],
+            sd=views.sd[sound],
+            theta=views.theta[sound],
         ),
         _Solution(x[sound], solution.covariance[sound], solution.chi2[sound], solution.freedom[sound]),
     )
@@ -342,6 +351,7 @@ def _collect(
     corners_world = np.zeros((m, 4, 3))
     theta = np.full((n, m), np.nan)
     pivots: list[Array] = []
+    poses: list[tuple[Marker, RestPose]] = []
     R_world_camera, p_world_camera = camera.T_world_camera[:3, :3], camera.T_world_camera[:3, 3]
     for j, track in enumerate(rested):
         marker = by_id[track.marker_id]
@@ -350,11 +360,12 @@ def _collect(
         ideal[index, j] = corners
         sd[index, j] = track.corner_sd_px
         still = track.time_ns < rest_end_ns
-        R, p = rest_pose(corners[still], track, still, marker, camera, placement.R_world_object)
-        R_world_marker = R_world_camera @ R
-        p_world_marker = R_world_camera @ p + p_world_camera
+        pose = rest_pose(corners[still], track, still, marker, camera, placement.R_world_object)
+        poses.append((marker, pose))
+        R_world_marker = R_world_camera @ pose.R
+        p_world_marker = R_world_camera @ pose.p + p_world_camera
         corners_world[j] = marker_corners(marker.size) @ R_world_marker.T + p_world_marker
-        if not (np.all(np.isfinite(R)) and np.all(np.isfinite(p))):
+        if not (np.all(np.isfinite(pose.R)) and np.all(np.isfinite(pose.p))):
             raise EstimationError(
                 f"marker {track.marker_id} at rest fits no pose near the planned one: check that this is the"
                 " planned strike, and the marker's place in the object file"
@@ -368,7 +379,7 @@ def _collect(
             pivots.append(R_world_marker @ lever + p_world_marker)
     nominal = placement.R_world_object @ placement.p_object_pivot + placement.p_world_object
     pivot = np.mean(pivots, axis=0) if pivots else nominal
-    return _Views(time_ns, ideal, sd, corners_world, np.nanmean(theta, axis=1)), pivot
+    return _Views(time_ns, ideal, sd, corners_world, np.nanmean(theta, axis=1), tuple(poses)), pivot
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analyze.estimation.equiplane import equiplane
+from analyze.estimation.equiplane import equiplane, equiplane_normal
 from analyze.estimation.priors import SystematicErrors, TiltPrior
+from analyze.estimation.rest_turns import rest_turns
 from analyze.geometry.edge_radius import edge_radius, stated_radius
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.surface_error import surface_sd
@@ -80,6 +81,27 @@ def equiplanes(
                 level=levels[index],
             )
         )
+    return _with_rest_turns(found, motions)
+
+
+def _with_rest_turns(planes: Sequence[EquiPlane], motions: Sequence[TipMotion]) -> tuple[EquiPlane, ...]:
+    """Equi-planes with each balance angle counted from the planned pose, not from that of the object at rest.
+
+    Unchanged if no two strikes show how their poses at rest differ. What remains uncertain of the turns at
+    rest is in `EquiPlane.phi_by_rest`.
+
+    Args:
+        planes: one per motion.
+        motions: motions of the strikes.
+    """
+    turns = rest_turns([motion.rest_turns for motion in motions])
+    if turns is None:
+        return tuple(planes)
+    found: list[EquiPlane] = []
+    for plane, turn, by in zip(planes, turns.mean.tolist(), turns.root, strict=True):
+        phi = plane.phi + turn
+        normal = equiplane_normal(plane.direction, plane.up, phi)
+        found.append(replace(plane, phi=phi, normal=normal, phi_by_rest=by))
     return tuple(found)
 
 

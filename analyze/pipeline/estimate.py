@@ -32,6 +32,7 @@ from analyze.estimation.mass_properties import CentreOfMass, InertialParameters,
 from analyze.estimation.part_masses import PartMasses, measured_moments, part_masses
 from analyze.estimation.priors import ComPrior, Scale
 from analyze.estimation.profile import profiled_posterior
+from analyze.estimation.rest_turns import RestTurns, rest_turns
 from analyze.estimation.scatter import ScatterRange, scatter_range
 from analyze.estimation.sensitivity import Sensitivity, sensitivity
 from analyze.estimation.shape_errors import Box, box_of, shape_errors
@@ -157,6 +158,9 @@ class Estimate:
     """comparison of the stated edge radii with the strikes' own; None if none are stated"""
     scatter: ScatterRange
     """sd of the balance angle from strike to strike beyond the fits' errors, stated and by the strikes"""
+    rest: RestTurns | None
+    """turns of the object at rest before the fitted strikes, as its markers show; None if no place of a
+    marker on it is known"""
     surface_error: SurfaceError | None
     """error of the shape's faces, assumed and estimated; None if the object file states it"""
 
@@ -255,6 +259,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         edge_radii=estimated_radii(solution),
         radius_check=radius_check,
         scatter=scatter_range(systematic, solution.factors),
+        rest=rest_turns([motion.rest_turns for motion in used]),
         surface_error=surface_error,
     )
 

@@ -60,9 +60,10 @@ def pose_at_rest(
         marker, still = by_id.get(track.marker_id), track.time_ns < ends
         if marker is None or marker.T_object_marker is None or np.count_nonzero(still) < _MIN_REST_FRAMES:
             continue
-        R, p = rest_pose(undistort(camera, track.corners_px)[still], track, still, marker, camera, R_planned)
-        R_world_marker = camera.T_world_camera[:3, :3] @ R
-        p_world_marker = camera.T_world_camera[:3, :3] @ p + camera.T_world_camera[:3, 3]
+        corners = undistort(camera, track.corners_px)[still]
+        rest = rest_pose(corners, track, still, marker, camera, R_planned)
+        R_world_marker = camera.T_world_camera[:3, :3] @ rest.R
+        p_world_marker = camera.T_world_camera[:3, :3] @ rest.p + camera.T_world_camera[:3, 3]
         R_world_object = R_world_marker @ marker.T_object_marker[:3, :3].T
         p_world_object = p_world_marker - R_world_object @ marker.T_object_marker[:3, 3]
         found.append((int(np.count_nonzero(still)), R_world_object, p_world_object))

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 MAX_REGION_SD = 0.1
 """1 sigma of a region's mass over the object's mass, above which the region is reported as uncertain"""
+REPORTED_REST_TURN = float(np.radians(0.05))
+"""1 sigma [rad] of the object's turn at rest from strike to strike, above which it is reported"""
 
 
 def result_warnings(estimate: Estimate, frame_times: Sequence[FrameTimes]) -> list[ResultWarning]:
@@ -183,9 +185,31 @@ def _check_warnings(estimate: Estimate, *, rates_possible: bool) -> Iterator[Res
 
 
 def _scatter_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
-    """Yield a warning if the balance angles scatter from strike to strike more than usual."""
+    """Yield warnings of balance angles that scatter from strike to strike, and of poses at rest that differ.
+
+    Markers show the poses at rest; one that contradicts its stated pose on the object is named.
+    """
     if estimate.scatter.exceeds:
         yield warning(WarningCode.STRIKES_SCATTER, scatter_text(estimate.scatter))
+    rest = estimate.rest
+    if rest is None:
+        return
+    if rest.sd > REPORTED_REST_TURN:
+        angles = np.degrees(rest.mean)
+        order = np.argsort(-np.abs(angles)).tolist()
+        turned = [f"{estimate.fitted_planes[i].strike_id} by {angles[i]:+.2f}°" for i in order]
+        yield warning(
+            WarningCode.REST_TURNED,
+            "at rest the object stood turned about the struck edge, as its markers show:"
+            f" {names_text(turned)} (positive: towards the tip); this answer takes it into account: clean the"
+            " table and the object's underside",
+        )
+    for name in rest.moved:
+        yield warning(
+            WarningCode.MARKER_MOVED,
+            f"marker {name} at rest contradicts its pose in the object file, as if it had been moved on the"
+            " object: determine the markers' poses anew with `analyze register`",
+        )
 
 
 def _tilt_warnings(estimate: Estimate) -> Iterator[ResultWarning]:

@@ -11,6 +11,7 @@ from analyze.pipeline.estimate import estimate_evidence
 from analyze.result.assessment import assessment
 from analyze.result.document import result_document
 from analyze.result.trust import quantity_sentences
+from analyze.types import RestTurn
 from schemas.result import WarningCode
 from tests.analyze.estimation.drawn_sessions import VERTEX_AXES
 from tests.analyze.pipeline.merged_sessions import BODY
@@ -57,6 +58,26 @@ def test_poses_at_rest_that_differ_are_doubted_by_name():
     assert com.startswith("doubt the centre of mass, stated to")
     assert "the pose at rest differed from strike to strike" in com
     assert any(each.code is WarningCode.STRIKES_SCATTER for each in result_document(careless).warnings)
+
+
+def test_poses_at_rest_that_markers_show_are_corrected_and_reported():
+    rng = np.random.default_rng(4)
+    careful = session(BODY, rng)
+    motions = []
+    for motion in careful.motions:
+        if motion.fit is not None:
+            crumb = rng.normal(0, np.radians(0.3))
+            turn = RestTurn(crumb + rng.normal(0, 3e-4), 3e-4, motion.plan_strike_id, 1e-3, "camera")
+            fit = replace(motion.fit, phi=motion.fit.phi - crumb)
+            motions.append(replace(motion, fit=fit, rest_turns=(turn,)))
+    careless = estimate_evidence(replace(careful, motions=tuple(motions)))
+    clean = estimate_evidence(careful)
+    assert assessment(careless)[0].startswith("trust the centre of mass")
+    assert np.linalg.norm(careless.com.position - clean.com.position) < 2.5e-4
+    assert np.trace(careless.com.covariance) < 6 * np.trace(clean.com.covariance)
+    codes = {each.code for each in result_document(careless).warnings}
+    assert WarningCode.REST_TURNED in codes
+    assert WarningCode.STRIKES_SCATTER not in codes
 
 
 def test_singular_set_trusts_nothing_and_names_the_corner(singular):

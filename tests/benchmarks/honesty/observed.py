@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from analyze.motion.rest_pose import UNMEASURED_TURN_SD
 from analyze.motion.tip_angle import PlanarMotion
 from analyze.tracking.camera_model import UNSTATED_STRAIN_SD
-from analyze.types import TipAngle
+from analyze.types import MARKER_TURN_SD, RestTurn, TipAngle
 from schemas.strike_plan import PlannedStrike
 from tests.benchmarks.honesty.disturbances import Disturbance
 from tests.benchmarks.honesty.struck import StruckMotion
@@ -31,6 +32,11 @@ STATED_PLACE_SD = math.hypot(3e-4, math.radians(0.3) * LEVER)
 ZERO_SD = math.radians(0.005)
 """error of theta's zero by lens and print, which frames share"""
 
+ROLL_SD = math.radians(0.1)
+"""error of the camera's stated roll, the same in all strikes"""
+REST_TURN_SD = math.radians(0.02)
+"""error of a turn at rest by the tag's tilt in the image and the object's heading, of each strike"""
+
 
 @dataclass(frozen=True)
 class View:
@@ -45,6 +51,8 @@ class View:
     strain_sd: float
     """standard deviation of the strain as the calibration states it, or the one assumed where it states
     none"""
+    roll: float
+    """error of the camera's stated roll [rad]"""
     tags: dict[tuple[int, ...], np.ndarray]
     """(6,) error of place [m] and turn [rad] in O of the tag seen along each direction"""
 
@@ -57,7 +65,8 @@ def draw_view(disturbance: Disturbance, rng: np.random.Generator) -> View:
         place, turn = rng.normal(0, disturbance.tag_place, 3), rng.normal(0, disturbance.tag_turn, 3)
         tags[tuple(np.array(axis) - 1)] = np.concatenate([place, turn])
     stated = disturbance.lens if disturbance.lens_stated else UNSTATED_STRAIN_SD
-    return View(float(rng.choice([120.0, 240.0])), noise, rng.normal(0, disturbance.lens), stated, tags)
+    rate, strain = float(rng.choice([120.0, 240.0])), rng.normal(0, disturbance.lens)
+    return View(rate, noise, strain, stated, rng.spawn(1)[0].normal(0, ROLL_SD), tags)
 
 
 def tag_error(view: View, direction: np.ndarray) -> np.ndarray:
@@ -133,7 +142,34 @@ def observe(
     position_sd, off_axis_sd = np.full(n, math.hypot(LEVER * view.noise, 1e-5)), np.full(n, 2 * view.noise)
     place_sd = STATED_PLACE_SD if disturbance.unplaced is None else None
     rise = lift - lift[rest].mean()
-    return PlanarMotion(angle, rise, position_sd, off_axis_sd, 0.0, covariance, place_sd), crumb
+    turns: tuple[RestTurn, ...] = ()
+    if disturbance.unplaced is None:
+        turns = (_rest_turn(planned, motion, crumb, angle, view, disturbance, rng.spawn(1)[0]),)
+    return PlanarMotion(angle, rise, position_sd, off_axis_sd, 0.0, covariance, place_sd, turns), crumb
+
+
+def _rest_turn(
+    planned: PlannedStrike,
+    motion: StruckMotion,
+    crumb: float,
+    angle: TipAngle,
+    view: View,
+    disturbance: Disturbance,
+    rng: np.random.Generator,
+) -> RestTurn:
+    """Turn of the resting body against its planned pose, as the tag that looks at the camera shows it."""
+    direction = np.array(planned.pivot.direction)
+    own = math.hypot(angle.zero_sd, 0.5 * view.strain_sd, REST_TURN_SD)
+    R_rest = Rotation.from_quat(motion.quaternion[0]).as_matrix()
+    placed = Rotation.from_matrix(R_rest @ np.array(planned.R_world_object).T).as_rotvec()[1]
+    off = tag_error(view, direction)[3:] @ direction + view.roll + rng.normal(0, own)
+    return RestTurn(
+        float(crumb + placed + off),
+        own,
+        str(np.rint(direction).astype(int).tolist()),
+        UNMEASURED_TURN_SD if disturbance.tag_turn >= MARKER_TURN_SD else disturbance.tag_turn,
+        str(planned.heading_rad),
+    )
 
 
 def _sampled(

@@ -1,0 +1,123 @@
+"""Turn of the object at rest about the pivot edge before each strike, as its markers show it.
+
+A crumb under the object turns its pose at rest, and the balance angle phi is measured from there. A marker
+shows the turn against the planned pose, with the errors of its pose on the object and of the camera's pose,
+which strikes share. The sd of the turns is a variance component, estimated from what is seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analyze.estimation.scatter import factor_log_prior, normal_factor
+from analyze.types import Array, RestTurn
+
+USUAL_SD = 2e-4
+"""Usual 1 sigma [rad] of the turn at rest, before any marker is looked at; a clean table."""
+PRIOR_FREEDOM, PRIOR_SCALE = 0.5, 0.1
+"""Degrees of freedom and scale of the prior of the factor on `USUAL_SD`: few, so that it takes little from
+turns that the markers show."""
+FACTORS = np.geomspace(0.2, 300.0, 50)
+"""Factors on `USUAL_SD` whose likelihood is evaluated."""
+CAMERA_SD = 0.02
+"""1 sigma [rad] of the camera's roll against the table: only differences between strikes count."""
+UNMEASURED_SD = 0.1
+"""1 sigma [rad] of the pose on the object of a marker that was moved."""
+LOG_ODDS_MOVED = float(np.log(100.0))
+"""Logarithm of the odds before any strike that a marker still is where it was measured."""
+
+
+@dataclass(frozen=True)
+class RestTurns:
+    """Turns [rad] of the object at rest about the pivot axes, towards the tip, of n strikes."""
+
+    mean: Array
+    """(n,) expected turn [rad]; 0 where no marker shows it."""
+    root: Array
+    """(n, n) lower triangular root L of the turns' covariance L L^T [rad]."""
+    sd: float
+    """1 sigma of the turns from strike to strike [rad], as the markers show it."""
+    moved: tuple[str, ...]
+    """Names of markers that contradict their stated poses on the object, which are not used."""
+
+
+def rest_turns(seen: Sequence[Sequence[RestTurn]]) -> RestTurns | None:
+    """Turns of the object at rest, from what its markers show before each strike.
+
+    They are normal with an sd that is estimated too, by the likelihood of what is seen; the errors that
+    strikes share are integrated out.
+
+    Args:
+        seen: what each strike's markers show, one entry per strike; empty where none has a known place.
+
+    Returns:
+        Expected turns and their covariance; None if no marker with a known place is seen.
+    """
+    each = [turn for turns in seen for turn in turns]
+    if not each:
+        return None
+    strike = np.array([i for i, turns in enumerate(seen) for _ in turns])
+    to_strike = (strike[:, None] == np.arange(len(seen))).astype(np.float64)
+    angle = np.array([turn.angle for turn in each])
+    unmeasured: frozenset[str] = frozenset()
+    density = _log_density(_errors(each, unmeasured), to_strike, angle)
+    while True:
+        # A marker that has been moved since its pose was measured would pass for a turn of the object.
+        tried = {
+            unmeasured | {name}: _log_density(_errors(each, unmeasured | {name}), to_strike, angle)
+            for name in sorted({turn.marker for turn in each} - unmeasured)
+        }
+        best = max(tried, key=lambda more: _total(tried[more]), default=unmeasured)
+        if not tried or _total(tried[best]) < _total(density) + LOG_ODDS_MOVED:
+            break
+        unmeasured, density = best, tried[best]
+    probability = np.exp(density - density.max())
+    sd = USUAL_SD * normal_factor(FACTORS, probability / probability.sum())
+    seen_turns = _errors(each, unmeasured) + sd**2 * (to_strike @ to_strike.T)
+    gain = np.asarray(sd**2 * np.linalg.solve(seen_turns, to_strike), dtype=np.float64).T
+    covariance = sd**2 * (np.eye(len(seen)) - gain @ to_strike)
+    root = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
+    return RestTurns(gain @ angle, root, sd, tuple(sorted(unmeasured)))
+
+
+def _errors(each: Sequence[RestTurn], unmeasured: frozenset[str]) -> Array:
+    """Covariance (n, n) [rad^2] of the errors of n turns, with the poses of some markers taken as unmeasured.
+
+    Args:
+        each: turns as markers show them.
+        unmeasured: names of these markers.
+    """
+    by_marker = np.array([UNMEASURED_SD if turn.marker in unmeasured else turn.marker_sd for turn in each])
+    errors = np.diag([turn.sd**2 for turn in each])
+    errors += _alike([turn.marker for turn in each]) * np.outer(by_marker, by_marker)
+    return errors + _alike([turn.camera for turn in each]) * CAMERA_SD**2
+
+
+def _alike(names: Sequence[str]) -> Array:
+    """Matrix (n, n) with 1 where two of n names are the same, else 0."""
+    each = np.array(names)
+    return (each[:, None] == each).astype(np.float64)
+
+
+def _log_density(errors: Array, to_strike: Array, angle: Array) -> Array:
+    """Log density of what is seen for each of `FACTORS`, with its prior, up to a constant.
+
+    Args:
+        errors: (n, n) covariance of the errors of n turns [rad^2].
+        to_strike: (n, strikes) 1 where a turn is that of a strike, else 0.
+        angle: (n,) turns as markers show them [rad].
+    """
+    by_turn = (USUAL_SD * FACTORS[:, None, None]) ** 2 * (to_strike @ to_strike.T)
+    root = np.linalg.cholesky(errors + by_turn)
+    standard = np.linalg.solve(root, np.tile(angle[:, None], (len(FACTORS), 1, 1)))[..., 0]
+    log_det = np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)), axis=1)
+    prior = factor_log_prior(FACTORS, PRIOR_SCALE, PRIOR_FREEDOM)
+    return prior - 0.5 * np.sum(standard**2, axis=1) - log_det
+
+
+def _total(density: Array) -> float:
+    """Logarithm of the sum of densities whose logarithms (n,) are given."""
+    return float(density.max() + np.log(np.sum(np.exp(density - density.max()))))

@@ -1,0 +1,75 @@
+"""Turns of the object at rest by its markers, against drawn ones with known errors."""
+
+import numpy as np
+import pytest
+
+from analyze.estimation.rest_turns import rest_turns
+from analyze.types import RestTurn
+
+MARKERS = (0, 1, 2, 2, 3, 3, 4, 4, 5)
+"""marker that each of nine strikes over the edges of a box shows"""
+STATED = np.radians(0.05)
+OWN = np.radians(0.02)
+
+
+def drawn(rng, crumb_sd, marker_sd=STATED, moved=None):
+    """Turns that the markers show, and the true ones [rad]."""
+    off, roll = rng.normal(0, np.radians(0.05), 6), rng.normal(0, np.radians(0.3))
+    if moved is not None:
+        off[moved] += np.radians(2.0)
+    crumbs = rng.normal(0, crumb_sd, len(MARKERS))
+    shown = crumbs + off[list(MARKERS)] + roll + rng.normal(0, OWN, len(MARKERS))
+    turns = [
+        (RestTurn(angle, OWN, str(name), marker_sd, "camera"),)
+        for angle, name in zip(shown.tolist(), MARKERS, strict=True)
+    ]
+    return turns, crumbs
+
+
+def test_crumbs_are_seen_by_measured_markers_to_their_own_error():
+    off, sd = [], []
+    for seed in range(150):
+        turns, crumbs = drawn(np.random.default_rng(seed), np.radians(0.3))
+        found = rest_turns(turns)
+        sd.append(np.sqrt(np.diag(found.root @ found.root.T)))
+        off.append((found.mean - crumbs) / sd[-1])
+    assert np.mean(np.abs(off) < 1.96) > 0.9
+    assert np.median(sd) < np.radians(0.15)
+
+
+def test_unmeasured_markers_show_differences_between_strikes_alone():
+    off = []
+    for seed in range(150):
+        turns, crumbs = drawn(np.random.default_rng(seed), np.radians(0.3), marker_sd=0.1)
+        found = rest_turns(turns)
+        apart = np.zeros(9)
+        apart[2], apart[3] = 1.0, -1.0
+        sd = np.linalg.norm(found.root.T @ apart)
+        assert sd < np.radians(0.05)
+        off.append(apart @ (found.mean - crumbs) / sd)
+        single = np.sqrt(np.diag(found.root @ found.root.T))[[0, 1, 8]]
+        assert np.all(single > 0.9 * found.sd)
+    assert 0.7 < np.sqrt(np.mean(np.square(off))) < 1.3
+
+
+def test_a_clean_table_is_not_corrected():
+    found = [rest_turns(drawn(np.random.default_rng(seed), 0.0)[0]) for seed in range(40)]
+    assert all(each.moved == () for each in found)
+    assert np.median([each.sd for each in found]) < np.radians(0.02)
+    assert np.median([np.abs(each.mean).max() for each in found]) < np.radians(0.01)
+    assert max(np.abs(each.mean).max() for each in found) < np.radians(0.1)
+
+
+@pytest.mark.parametrize("marker", [0, 2])
+def test_a_marker_that_was_moved_is_named_and_corrects_nothing(marker):
+    named = 0
+    for seed in range(40):
+        turns, _ = drawn(np.random.default_rng(seed), np.radians(0.02), moved=marker)
+        found = rest_turns(turns)
+        named += found.moved == (str(marker),)
+        assert np.abs(found.mean).max() < np.radians(0.12)
+    assert named == 40
+
+
+def test_without_known_places_nothing_is_said():
+    assert rest_turns([(), (), ()]) is None
