@@ -75,7 +75,7 @@ class DemoPlan:
     strikes: int = 9
     """number of strikes to plan"""
     axes: int | None = None
-    """largest number of different pivot axes; None for as many as pay"""
+    """largest number of different pivot axes; None for as many as improve the estimate"""
     method: str = "ours"
     """way to choose the strikes: "ours" or "paper\""""
 

@@ -61,7 +61,7 @@ def refuse_truth_of_ours(object_name: str, truth: Path | None) -> None:
     """Refuse a truth file for an object that comes with the program.
 
     Raises:
-        click.UsageError: there is such a file.
+        click.UsageError: a truth file is given, and the object is one of those.
     """
     if truth is not None and object_name in _OBJECTS:
         raise click.UsageError(

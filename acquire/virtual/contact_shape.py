@@ -33,8 +33,8 @@ def contact_centres(virtual_object: VirtualObject) -> NDArray[np.float64]:
 
     Their radius is `virtual_object.edge_radius_m`. The centres lie this radius inside the body, so that the
     spheres touch its faces from within. A cylinder has a ring of them along each rim. Any other shape has
-    them at the corners of its convex hull with every face moved inwards by the radius; a user's shape file,
-    at as many of these as it takes to be within 0.1 mm.
+    them at the corners of its convex hull with every face moved inwards by the radius; of a user's shape file
+    only as many of these corners are taken as keep its hull to within 0.1 mm.
     """
     cylinder = virtual_object.spec.shape.cylinder
     if cylinder is not None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MAX_PARTS = 20
-"""largest number of parts: what they fill of the hollows beyond that, the virtual rig takes as solid"""
+"""largest number of convex parts; hollows that so many parts still cover are solid in the virtual rig"""
 _FILLED = 0.02
 """share of the body's volume up to which hollows may be filled"""
 _WORTHWHILE = 0.002
@@ -76,7 +76,7 @@ class _Piece:
 
 
 def convex_parts(triangles: NDArray[np.float64], inside: NDArray[np.float64], volume: float) -> ConvexParts:
-    """Divide a body into at most 20 convex parts that fill as little of its hollows as possible.
+    """Divide a body into at most 20 convex parts that cover as little of its hollows as possible.
 
     In each step the part with the largest hollows is cut by the plane that leaves the least, among planes
     perpendicular to the axes. The parts are the convex hulls of what lies between the planes.

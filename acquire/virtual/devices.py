@@ -46,7 +46,7 @@ class Devices:
     object_path: Path
     """object file to plan and measure with"""
     notes: tuple[str, ...]
-    """what the user should know about the object"""
+    """lines for the user: repairs of the shape, tags that were added, the camera's distance"""
 
     @property
     def socket(self) -> Path:

@@ -56,7 +56,7 @@ REBOOT_NS = 150_000_000
 OVERLOAD_NS = 1_000_000_000
 """time near the stall current after which the servo reports an overload [ns]"""
 POSITION_NOISE_TICKS = 0.15
-"""standard deviation of the position reading"""
+"""standard deviation of the position reading [ticks of 2 pi / 4096 rad]"""
 CLOCK_DRIFT_MAX = 50e-6
 """largest relative rate error of the servo's clock"""
 STEP_NS = 1_000_000

@@ -42,9 +42,9 @@ SENSOR_WIDTH, SENSOR_HEIGHT = 656, 492
 DRIFT = 37e-6
 """default relative rate error of the camera's clock"""
 CLOCK_OFFSET_NS = 5_000_000_000
-"""default device time at which the camera is made [ns]"""
+"""default time of the camera's own clock at its construction [ns]"""
 QUEUE_SLOTS = 32
-"""number of unsent slots at which the render thread pauses; it catches up later"""
+"""number of exposures whose images were not sent yet at which rendering pauses; it catches up later"""
 WIRE_BYTES_S = 125e6
 """gigabit data rate [bytes/s], which also limits a camera that is behind: no receiver could take a burst of
 all late frames"""
@@ -193,7 +193,7 @@ class VirtualGigeCamera:
     def statistics(self) -> CameraStatistics:
         """Frames sent since the camera was made, mean rendering time and largest delay [ms], late images.
 
-        Late are images rendered more than two frame periods after the end of their exposure.
+        An image counts as late if it was rendered more than two frame periods after its exposure's end.
         """
         return CameraStatistics(
             self._frames, 1e3 * self._render_s / max(self._rendered, 1), self._late, self._latest_ns / 1e6

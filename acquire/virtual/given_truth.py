@@ -25,7 +25,7 @@ class TruthLump(Document):
 class GivenTruth(Document):
     """Hidden properties of a virtual object; what is left out is drawn from the seed.
 
-    If any mass is given, all of them count as given: what the object's mass leaves over is spread evenly over
+    If any mass is given, all of them count as given: the rest of the object's mass is spread uniformly over
     the interior.
     """
 

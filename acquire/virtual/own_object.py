@@ -70,7 +70,7 @@ class OwnObject:
     object_path: Path
     """object file: the user's own, or one with tags added"""
     notes: tuple[str, ...]
-    """what the user should know: repairs of the shape, tags that were added, the camera's distance"""
+    """lines for the user: repairs of the shape, tags that were added, the camera's distance"""
 
 
 @dataclass(frozen=True)

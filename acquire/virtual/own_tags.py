@@ -21,7 +21,10 @@ _GLUED_SHIFT_M, _GLUED_TURN_RAD = 0.002, 0.1
 
 
 def tag_entries(places: list[TagPlace]) -> str:
-    """Text (TOML) of the entries of tags; of a single tag without a place if there are no places."""
+    """Entries [[marker]] of an object file (TOML text), one per place.
+
+    If there is no place, it is one entry of a tag without a place.
+    """
     if not places:
         return "\n[[marker]]\nid = 0\nsize_m = 0.03\n"
     lines = ["", "# Tags that the virtual rig glued on, because the file listed none."]

@@ -15,7 +15,7 @@ from typing import Any
 from acquire.errors import AcquireError
 
 INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""Ctrl-C; `timeout` and `kill`; a closed terminal"""
+"""signals that interrupt a virtual rig: of Ctrl-C, of `timeout` and `kill`, of a terminal that is closed"""
 
 
 class _Interruption:

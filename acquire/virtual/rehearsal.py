@@ -42,7 +42,7 @@ _UPRIGHT = 0.5
 """largest vertical component of the normal of a tag that counts as on an upright side"""
 
 Show = Callable[[str], None]
-"""called with a line for the user"""
+"""function that shows one line to the user"""
 
 
 def rehearse(options: DeviceOptions, folder: Path, show: Show) -> None:
@@ -54,7 +54,8 @@ def rehearse(options: DeviceOptions, folder: Path, show: Show) -> None:
         show: called with each line for the user: the commands to use, then what happens.
 
     Raises:
-        ConfigError: the address or the object cannot be used, or a file in the folder is not ours.
+        ConfigError: the address or the object cannot be used, or the folder holds a rig, object or
+            shape file that `acquire virtual` did not write.
         AcquireError: a library is missing, or a device did not start.
     """
     refuse_other_address(options.address)

@@ -109,7 +109,7 @@ class Summary:
     """repeatability of each measured quantity of each object, by object"""
     objects: tuple[tuple[str, str, int, int, int, int], ...]
     """per object: name, SHA-256, and numbers of sessions, of strikes recorded and used, and of sessions whose
-    frames no rig's clock timed"""
+    frame times come from a file instead of a rig's clock"""
 
     @property
     def standing_out(self) -> tuple[Repeated, ...]:

@@ -29,7 +29,7 @@ _ABANDONED_S = 3600.0
 
 
 class EntryError(ValueError):
-    """An entry that cannot be used; the message is the reason."""
+    """Error: an entry of the cache cannot be used; the message is the reason."""
 
 
 @dataclass(frozen=True)
@@ -100,8 +100,8 @@ class CacheFolder:
             content: content of the entry.
 
         Returns:
-            True if the entry was written; False if the folder cannot be written, or the entry alone is larger
-            than all may be.
+            True if the entry was written; False if the folder cannot be written, or this entry alone is
+            larger than all entries together may be (`max_bytes`).
         """
         head = {"percuss_cache": _FORMAT, "label": label[:500], "sha256": hashlib.sha256(content).hexdigest()}
         whole = json.dumps(head).encode() + b"\n" + content

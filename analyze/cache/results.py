@@ -19,8 +19,9 @@ T = TypeVar("T")
 class ResultCache:
     """Cache of results in a folder, keyed by all that they are computed from and by the code.
 
-    A damaged or foreign entry is reported, computed again and replaced. A folder that cannot be written keeps
-    nothing. A result that would not come back as it is, or has inputs without encoding, is not kept.
+    An entry that is damaged, or was not written by this cache, is reported, computed again and replaced. A
+    folder that cannot be written keeps nothing. A result is not kept if it or its inputs cannot be encoded
+    and decoded, or if the code was changed after this cache was made.
 
     Args:
         folder: folder of the entries.
@@ -46,7 +47,7 @@ class ResultCache:
             kind: type of the result, a dataclass that `encode` and `decode` know.
             inputs: all that the result depends on besides the code, as a value that `encode` knows.
             label: what the result is, for the list of entries, one short line.
-            compute: computes the result. What it raises is not kept.
+            compute: function that computes the result; its exceptions pass and are not kept.
             given: values within the result that are known anyway, by their type; they are not kept.
         """
         try:

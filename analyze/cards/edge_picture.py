@@ -14,15 +14,15 @@ from schemas.object_spec import ObjectSpec
 from schemas.strike_plan import PlannedStrike
 
 SIZE_PX = 150.0
-"""width and height of the drawing"""
+"""width and height of the drawing [px]"""
 MARGIN_PX = 14.0
-"""free border of the drawing"""
+"""free border of the drawing [px]"""
 ELEVATION = np.radians(28.0)
-"""angle of the eye above the horizontal"""
+"""angle of the eye above the horizontal [rad]"""
 FACED = np.radians(35.0)
-"""angle of the eye from the side on which the edge is, so that two sides are seen"""
+"""angle of the eye from the side on which the edge is [rad], so that two sides are seen"""
 AXIS_PX = 20.0
-"""length of the arrows that show the axes of the object file"""
+"""length of the arrows that show the axes of the object file [px]"""
 
 
 def edge_picture(shape: DrawnShape, spec: ObjectSpec, strike: PlannedStrike, name: str) -> str:

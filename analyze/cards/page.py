@@ -28,8 +28,8 @@ from schemas.strike_plan import PlannedStrike, StrikePlan
 from schemas.wording import counted
 
 MIN_OFFSET_M = 0.0005
-"""Offset [m] of the impact from the mark on the pivot line above which a card states it; our own plans strike
-at the mark."""
+"""Offset [m] of the impact from the mark on the pivot line above which a card states it; plans of `analyze
+plan` strike at the mark."""
 
 
 @dataclass(frozen=True)

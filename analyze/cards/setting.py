@@ -22,9 +22,9 @@ class Setting:
     """Positions of object, striker and camera of one strike in its world frame W [m].
 
     W has z up and the table at z = 0. The pivot line, on which the edge lies, is along y at x = 0; the mark
-    on it is at y = 0. The striker comes from -x, in our own plans at y = 0. The eye of the pictures is at -y,
-    where the camera stands unless the strike is turned. For a turned strike (object and striker turned by
-    180° on the table), W is turned with them.
+    on it is at y = 0. The striker comes from -x, in plans of `analyze plan` at y = 0. The eye of the pictures
+    is at -y, where the camera stands unless the strike is turned. For a turned strike (object and striker
+    turned by 180° on the table), W is turned with them.
     """
 
     body: PlacedObject

@@ -32,12 +32,13 @@ MAX_CAMERA_ANGLE = math.radians(60.0)
 MAX_UP_ANGLE = math.radians(35.0)
 """largest angle between a placement's vertical, as the camera sees it, and that of the other strikes [rad]"""
 MIN_LEAD = 0.3
-"""least difference of two mismatches for one placement to be preferred"""
+"""least difference between the mismatches of two placements (`Placement.mismatch`, 1 is the largest allowed)
+for the better one to be chosen"""
 
 
 @dataclass(frozen=True)
 class TipInView:
-    """Tip found in a clip, and what is seen of it."""
+    """Tip found in a clip, with the object's pose at rest and the line about which it turned, as seen."""
 
     name: str
     """name of the clip's file, with the time in it if it shows several strikes"""
@@ -62,7 +63,7 @@ class Placement:
         return float(_sight(view) @ _planned_sight(self.strikes[0])) > math.cos(MAX_CAMERA_ANGLE)
 
     def differences(self, line: TurningLine) -> tuple[float, float]:
-        """Angle [rad] and distance [m] between a turning line and the planned edge, beside the tag."""
+        """Angle [rad] and distance [m], at the tag, between a turning line and the planned edge."""
         pivot = self.strikes[0].pivot
         direction, apart = np.array(pivot.direction), line.point - np.array(pivot.point)
         angle = math.acos(float(np.clip(direction @ line.direction, -1.0, 1.0)))

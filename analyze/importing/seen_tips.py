@@ -26,7 +26,7 @@ motion"""
 
 @dataclass(frozen=True)
 class SeenTips:
-    """View of each tip, and remarks on a camera that did not stand still."""
+    """Each tip as the camera sees it, and remarks on a camera that did not stand still."""
 
     views: tuple[TipView | None, ...]
     """for each tip its view; None if no marker of known pose on the object is at rest in view"""
@@ -60,7 +60,7 @@ def see_tips(
     tips: Sequence[FoundTip],
     progress: Progress,
 ) -> SeenTips:
-    """Pose of the object at rest in the camera's frame and its turning line, for each tip.
+    """Pose of the object at rest in the camera's frame, and the line about which it turns, for each tip.
 
     Args:
         markers: markers of the object; without one of known pose nothing is looked at.

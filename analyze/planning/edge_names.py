@@ -21,7 +21,8 @@ def edge_names(strikes: Iterable[PlannedStrike]) -> dict[str, str]:
 
     An edge lies between the face underneath and the side towards which the object tips, and is named by both:
     top and bottom are +z and -z of the object file. Of several edges with one name, as over the corners of a
-    mesh, each also gets the side underneath, and if need be its place.
+    mesh, each also gets the side underneath; if that is not enough, its position [mm] in the object file's
+    frame, or its axis id.
 
     Args:
         strikes: planned strikes; several may be about one edge.

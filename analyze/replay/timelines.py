@@ -38,13 +38,13 @@ class Timelines:
         self._contacts: dict[str, int] = {}
 
     def state_contact(self, strike_id: str, contact_ns: int) -> None:
-        """State the contact's log time [ns] of a strike in whose record it is unknown."""
+        """Set the log time [ns] of the striker's contact for a strike whose record lacks it."""
         self._contacts[strike_id] = contact_ns
 
     def contact_of(self, record: pb.StrikeRecord) -> int:
         """Log time [ns] at which the striker touched the object, the zero of the strike's `since_contact`.
 
-        It is the measured time, else the one stated with `state_contact`, else the start of the strike's
+        It is the measured time, else the one set with `state_contact`, else the start of the strike's
         window (span of recorded images).
         """
         return record.contact_time_ns or self._contacts.get(record.strike_id, record.window_start_ns)

@@ -71,10 +71,10 @@ class MotionCurves:
     theta: Array
     """(n,) angle [rad]."""
     omega: Array
-    """(n,) rate of theta [rad/s], by differences."""
+    """(n,) angular velocity, the rate of theta [rad/s], by differences."""
     alpha: Array
-    """(n,) acceleration of theta [rad/s^2]; if measured, smoothed as in the paper's estimator,
-    sign_change."""
+    """(n,) acceleration of theta [rad/s^2]; of a measured angle by differences of the smoothed angle, as the
+    paper's estimator of the balance angle (VISAPP 2013) takes them."""
 
 
 @dataclass(frozen=True)

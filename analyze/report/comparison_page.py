@@ -42,7 +42,7 @@ class _Shown:
 
 
 def shown_kinds(document: Comparison) -> dict[str, _Shown]:
-    """Kinds of quantities of the page, in their order; all moments of inertia have one unit."""
+    """Title, unit and digits of each kind of quantity, in the page's order; moments share one unit."""
     unit = inertia_unit([abs(each.mean) for each in document.precision if each.kind == "moment"])
     title = "Moments of inertia about the centre of mass"
     return {

@@ -29,7 +29,7 @@ MAX_TRUSTED_SHARE = 0.1
 """half width of the least certain region's 95 % interval over the object's mass, up to which the masses of
 shell and interior parts are trusted"""
 WHOLE_RANGE_SHARE = 0.8
-"""width of a region's range over the object's mass from which on the range says nothing"""
+"""width of the range of a region's mass, over the object's mass, from which on the range restricts nothing"""
 
 
 def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> list[str]:

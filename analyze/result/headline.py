@@ -13,7 +13,7 @@ from analyze.types import TENSOR_ENTRIES, Array
 from schemas.result import Result, ResultWarning, WarningCode
 
 AXIS_SHARE = 0.1
-"""component of a unit principal axis below which the axis counts as across that axis of O"""
+"""component of a principal axis (unit vector) along an axis of O up to which both count as perpendicular"""
 DIRECTION_DIGITS = 2
 PRIOR_NOTE = "In brackets: not measured, but from the shape, or dependent on an entry that is."
 """sentence below a tensor of which no strike measured some entries"""
@@ -39,7 +39,7 @@ class PrincipalAxis:
     """Principal axis of the inertia tensor with its moment, as text."""
 
     moment: ShownEntry
-    """principal moment; measured only if all entries are that moment and axis follow from"""
+    """principal moment; counts as measured if strikes measured all entries of the tensor that give it"""
     direction: str
     """unit direction in O, as "(0.00, 0.00, 1.00)" """
 

@@ -93,9 +93,10 @@ def intervals95(values: Array, sd: Array) -> list[list[float]]:
 
 
 def k_quantity(fit: MotionFit) -> Quantity | None:
-    """Rate constant k [rad/s²] of the fit theta'' = -k sin(phi - theta), with its 95 % interval, or None.
+    """Rate constant k [1/s²] of the fit theta'' = -k sin(phi - theta), with its 95 % interval, or None.
 
-    theta is the tipping angle, phi the balance angle. None if the estimator does not report k.
+    theta is the tipping angle, phi the balance angle; the document writes the unit as rad/s^2. None if the
+    estimator does not report k.
     """
     return None if fit.k is None else quantity(fit.k, math.sqrt(fit.covariance[1, 1]), "rad/s^2")
 

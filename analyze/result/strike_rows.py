@@ -110,7 +110,7 @@ def _with_radius_error(fit: MotionFit, planned: PlannedStrike, radii: Sequence[E
 def prediction_document(prediction: StrikePrediction) -> PredictionResult:
     """Prediction of a strike from all others, in the Result's form: balance angle, k, tipping angle.
 
-    k is the rate constant of the motion [rad/s²], for gravity at the place where the strike was made. Balance
+    k is the rate constant of the motion [1/s²], for gravity at the place where the strike was made. Balance
     angle [rad] and k have the sd of the prediction alone, without that of the measurement. Of the tipping
     angle, the offset [rad] from the prediction is given at the frame where it is largest over its sd.
     """

@@ -20,11 +20,11 @@ BORDER = 0.16
 MIN_POINTS = 12
 """least number of points that must be followed in both images"""
 MIN_SHARE = 0.6
-"""least share of them that must stay, or move together"""
+"""least share of the followed points that must stay, or move together"""
 STILL_PX, TOGETHER_PX = 0.7, 0.7
 """shift up to which a point stays [px], and misfit up to which it moves with the others [px]"""
 RETURN_PX = 0.3
-"""largest distance at which a point that is followed there and back arrives from its start [px]"""
+"""largest distance from its start [px] at which a point, followed to the later image and back, arrives"""
 MAX_TURN = math.radians(8.0)
 """largest rotation of the image [rad]; above it something else was followed"""
 SEARCHED_PX = 700

@@ -61,7 +61,8 @@ class DropOptions:
     gravity: float | None = None
     """local g [m/s^2]; None for the recording's, else the worldwide mean"""
     global_shutter: bool = False
-    """True if the camera reads all rows at once; else the line time is that of the file, or unknown"""
+    """True if the camera reads all rows at once; else the line time (from one row's reading to the next) is
+    that of the camera file, or unknown"""
 
 
 @dataclass(frozen=True)

@@ -36,11 +36,12 @@ COMMON_FRAME_RATES_HZ = (
 )
 """usual frame rates of cameras [Hz]"""
 MAX_DRAG_SHARE = 0.05
-"""largest drag at the end of the fall, as a fraction of g"""
+"""deceleration by air drag at the end of a fall, as a fraction of g, above which the rate is doubted"""
 MAX_BIRGE_RATIO = 3.0
-"""largest scatter of the falls, relative to their uncertainty"""
+"""scatter of the falls' rates over that which their standard deviations predict (Birge ratio), above which
+the rate is doubted"""
 MAX_SCATTER = 2.0
-"""largest scatter, relative to the corners' noise"""
+"""rms residual of one fall over the noise of the tag's corners, above which the rate is doubted"""
 
 
 def capture_fps(answer: DropAnswer) -> float:

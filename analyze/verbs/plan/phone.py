@@ -25,7 +25,7 @@ MIDDLE_X, MIDDLE_Z = 0.1, 0.45
 
 
 def phone_bench(camera_path: Path, model: ObjectModel, bench: Bench) -> Bench:
-    """Bench of strikes by hand: a hand as striker, and the lens of a camera file.
+    """Bench (striker, camera, friction, gravity) of strikes by hand, with the lens of a camera file.
 
     A camera file with T_world_camera keeps its pose; otherwise the camera looks along the pivot line from
     where the object, tipping on any face, just fills the image.
@@ -33,7 +33,7 @@ def phone_bench(camera_path: Path, model: ObjectModel, bench: Bench) -> Bench:
     Args:
         camera_path: camera file (of `analyze calibrate -o`, OpenCV, Kalibr or ROS).
         model: shape of the object.
-        bench: bench with the other properties: friction, gravity, frame rate.
+        bench: bench of which friction, gravity and frame rate are kept.
 
     Raises:
         CalibrationError, DocumentError: the camera file cannot be used.

@@ -42,8 +42,9 @@ STEPS = 7
 class PlanOptions:
     """Options of `analyze plan`: rig file, strikes already made, and what is planned.
 
-    What is planned is given by the number of strikes or the error to reach [mm], the method (ours or the
-    paper's), the largest number of pivot edges, and whether a strike measures the table's tilt.
+    What is planned is given by the number of strikes or the error to reach [mm], the method (by expected
+    accuracy, or the paper's), the largest number of pivot edges, and whether a strike measures the table's
+    tilt.
     """
 
     rig_path: Path | None = None
@@ -55,7 +56,7 @@ class PlanOptions:
     given: tuple[Path, ...] = ()
     """recordings and results of strikes already made"""
     method: PlanMethod = PlanMethod.OURS
-    """our method of planning, or the paper's"""
+    """way to choose the strikes: by their expected accuracy (OURS), or as in the paper (VISAPP 2013)"""
     gravity: bool = False
     """True to add a strike, turned by 180 degrees, which determines the table's tilt"""
     most_axes: int | None = None

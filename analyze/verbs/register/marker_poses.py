@@ -39,7 +39,7 @@ MIN_WRITTEN_SD = 1e-6
 """least standard deviation that is written [m, rad]"""
 CALIBRATION, CAMERA_POSE = "camera.calibration", "T_world_camera"
 POSE_TOLERANCE = 1e-6
-"""largest difference of two equal poses' entries [rad, m]"""
+"""difference of the entries of two poses (rotation matrix; position [m]) up to which they count as equal"""
 
 
 @dataclass(frozen=True)
