@@ -23,7 +23,7 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from acquire.camera.base import CameraInfo
 from acquire.capture.link import CaptureProcess
 from acquire.clock.clock import Clock
-from acquire.daemon.manifest import OpenCamera, calibration_message, session_files, session_manifest
+from acquire.daemon.manifest import OpenCamera, session_files, session_manifest
 from acquire.daemon.recording_state import RecordingState
 from acquire.daemon.salvage import Salvage
 from acquire.daemon.watch_supervisor import WatchSupervisor
@@ -31,6 +31,7 @@ from acquire.daemon.watcher import Watcher
 from acquire.errors import AcquireError, CaptureGone, DaemonBusy, RecorderError, RecordingBroken, SessionError
 from acquire.recorder.file_series import newest_part, part_path
 from schemas import topics
+from schemas.calibration_message import calibration_message
 from schemas.rig import RigConfig
 from schemas.session_manifest import SessionManifest
 from schemas.watch_lines import WatchEvent
@@ -436,7 +437,7 @@ class LiveRecording:
         )
         opened.began_ns = anchor + now
         camera = self._config.camera
-        calibration = calibration_message(camera.calibration).SerializeToString()
+        calibration = calibration_message(camera.calibration, "camera").SerializeToString()
         self._capture.write(topics.camera_calibration(camera.name).name, anchor + now, calibration)
         for topic, log_time_ns, data in opened.waiting:
             self._capture.write(topic.name, log_time_ns, data)

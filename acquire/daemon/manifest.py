@@ -10,8 +10,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
-
 from acquire.camera.base import CameraInfo
 from acquire.errors import SessionError
 from schemas.document import DocumentError, sha256_text
@@ -22,8 +20,6 @@ from schemas.session_manifest import (
     PLAN_ATTACHMENT,
     RIG_ATTACHMENT,
     SHAPE_ATTACHMENT_PREFIX,
-    CameraCalibrationSpec,
-    LensModel,
     ManifestCamera,
     SessionManifest,
     TimeSource,
@@ -142,18 +138,3 @@ def session_manifest(
         plan_sha256=files.plan_sha256,
         hashes=files.hashes,
     )
-
-
-def calibration_message(spec: CameraCalibrationSpec) -> CameraCalibration:
-    """Intrinsics of a camera as a foxglove.CameraCalibration message, for viewers that draw over images.
-
-    In the message, K is the camera matrix [px] (row by row), D the distortion coefficients, P (projection) is
-    K with a column of zeros, and R (rectification) is the identity.
-    """
-    message = CameraCalibration(frame_id="camera", width=spec.width, height=spec.height)
-    message.distortion_model = "kannala_brandt" if spec.model is LensModel.FISHEYE else "plumb_bob"
-    message.D.extend(spec.distortion)
-    message.K.extend(value for row in spec.K for value in row)
-    message.P.extend(value for row in spec.K for value in (*row, 0.0))
-    message.R.extend([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
-    return message

@@ -12,7 +12,6 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
@@ -31,9 +30,9 @@ from analyze.sources.picture_numbers import number_pictures
 from analyze.sources.source import FrameSource
 from analyze.sources.video import VideoSource
 from schemas import topics
+from schemas.calibration_message import calibration_message
 from schemas.mcap.records import Buffer
 from schemas.proto import percuss_pb2 as pb
-from schemas.session_manifest import LensModel
 
 DEFAULT_START_NS = 946_684_800 * 10**9
 """2000-01-01 [ns since 1970], for sources without a date: the same source always gives the same content id"""
@@ -128,7 +127,9 @@ class _Session:
         writer.write_head(manifest(prepared, self.anchor_ns), attachments(prepared))
         calibration = topics.camera_calibration(CAMERA)
         writer.add_topics(calibration, self._image_topic, self._meta_topic, topics.SESSION_STRIKE, topics.LOG)
-        writer.write_small(calibration, self.anchor_ns, _calibration_message(prepared).SerializeToString())
+        writer.write_small(
+            calibration, self.anchor_ns, calibration_message(prepared.calibration, CAMERA).SerializeToString()
+        )
         for number, source in enumerate(prepared.sources):
             windows = [
                 (seen, window)
@@ -370,14 +371,3 @@ def write_recording(
 def _log(time_ns: int, text: str) -> Log:
     stamp = Timestamp(seconds=time_ns // 10**9, nanos=time_ns % 10**9)
     return Log(timestamp=stamp, level=Log.Level.INFO, message=text, name="import")
-
-
-def _calibration_message(prepared: PreparedImport) -> CameraCalibration:
-    spec = prepared.calibration
-    message = CameraCalibration(frame_id=CAMERA, width=spec.width, height=spec.height)
-    message.distortion_model = "kannala_brandt" if spec.model is LensModel.FISHEYE else "plumb_bob"
-    message.D.extend(spec.distortion)
-    message.K.extend(value for row in spec.K for value in row)
-    message.P.extend(value for row in spec.K for value in (*row, 0.0))
-    message.R.extend([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
-    return message

@@ -21,7 +21,7 @@ from analyze.pipeline.read_evidence import read_evidence, read_head
 
 if TYPE_CHECKING:
     from analyze.cache.results import ResultCache
-    from analyze.pipeline.evidence import Evidence
+    from analyze.pipeline.evidence import Evidence, RecordingHead
     from analyze.progress import Progress
 
 
@@ -54,23 +54,71 @@ def estimate_recordings(
         EstimationError: fewer than three strikes can be used, an excluded id names no strike or several, or
             parts or filling cannot be estimated.
     """
-    options = options or EstimateOptions()
-    heads = by_start_time([read_head(path) for path in paths])
-    if len(heads) > 1:
-        refuse_unmergeable(heads, options.object_path is not None)
-    options = replace(options, exclude=resolve_exclusions(heads, options.exclude))
-    total, done = sum(len(head.strike_ids) for head in heads), 0
-    read: list[Evidence] = []
-    for head in heads:
-        mine = offset_progress(progress, done, total)
-        read.append(read_evidence(head, options.object_path, mine, reader=cached_strike_reader(cache)))
-        done += len(head.strike_ids)
+    heads, options = mergeable_heads(paths, options)
+    total = sum(len(head.strike_ids) for head in heads)
+    read = read_recordings(heads, options, progress, cache)
     if progress is not None:
         progress("estimating", total, total)
     try:
         return estimate_with_cache(cache, merge_evidence(read), options)
     except EstimationError as error:
         raise EstimationError(f"{paths_text(heads)}: {error}") from None
+
+
+def mergeable_heads(
+    paths: Sequence[Path], options: EstimateOptions | None
+) -> tuple[list[RecordingHead], EstimateOptions]:
+    """Heads (identity and contents) of recordings of one object by start time, and the options for them.
+
+    Args:
+        paths: one or more recordings (MCAP).
+        options: choices of the user; None for the defaults.
+
+    Returns:
+        The heads, and the options with the ids of excluded strikes as merging names them.
+
+    Raises:
+        RecordingError: a file cannot be read.
+        MergeError: the recordings are not of one object, or one is named twice.
+        EstimationError: an excluded id names no strike or several.
+    """
+    options = options or EstimateOptions()
+    heads = by_start_time([read_head(path) for path in paths])
+    if len(heads) > 1:
+        refuse_unmergeable(heads, options.object_path is not None)
+    return heads, replace(options, exclude=resolve_exclusions(heads, options.exclude))
+
+
+def read_recordings(
+    heads: Sequence[RecordingHead],
+    options: EstimateOptions,
+    progress: Progress | None,
+    cache: ResultCache | None,
+    further_steps: int = 0,
+) -> list[Evidence]:
+    """Evidence (fitted strikes) of each recording, read one after the other.
+
+    Args:
+        heads: identity and contents of the recordings.
+        options: choices of the user; an object file among them replaces the recordings'.
+        progress: called with (text, done, total) before each strike; of several recordings the text names
+            the file.
+        cache: cache of strikes read before; None to read all anew.
+        further_steps: steps of the caller's work that follow, counted in the total.
+
+    Raises:
+        RecordingError: a file is damaged.
+        ShapeError: the object's file or shape cannot be used.
+        PlanError: a plan is of another object or shape, or lacks a strike that was recorded.
+        TrackingError: no marker of any strike of a recording can be tracked.
+    """
+    total, done = sum(len(head.strike_ids) for head in heads) + further_steps, 0
+    read: list[Evidence] = []
+    for head in heads:
+        mine = offset_progress(progress, done, total, f"{head.path.name}, " if len(heads) > 1 else "")
+        read.append(read_evidence(head, options.object_path, mine, reader=cached_strike_reader(cache)))
+        done += len(head.strike_ids)
+    return read
 
 
 def offset_progress(progress: Progress | None, before: int, total: int, prefix: str = "") -> Progress | None:

@@ -13,19 +13,12 @@ from scipy.special import chdtrc
 from analyze.errors import EstimationError
 from analyze.estimation.agreement import Agreement, agreement
 from analyze.estimation.priors import ComPrior
-from analyze.pipeline.cached import cached_strike_reader, estimate_with_cache
+from analyze.pipeline.cached import estimate_with_cache
 from analyze.pipeline.equiplanes import systematic_errors
 from analyze.pipeline.estimate import Estimate, EstimateOptions
-from analyze.pipeline.estimate_recordings import offset_progress
+from analyze.pipeline.estimate_recordings import mergeable_heads, offset_progress, read_recordings
 from analyze.pipeline.evidence import Evidence
-from analyze.pipeline.merge import (
-    by_start_time,
-    merge_evidence,
-    merged_axis_ids,
-    refuse_unmergeable,
-    resolve_exclusions,
-)
-from analyze.pipeline.read_evidence import read_evidence, read_head
+from analyze.pipeline.merge import merge_evidence, merged_axis_ids
 from analyze.result.answer import Answer
 from schemas.document import canonical_json
 
@@ -135,17 +128,10 @@ def compare_recordings(
         EstimationError: a session has fewer than three usable strikes, an excluded id names no strike or
             several, or parts or filling cannot be estimated.
     """
-    options = options or EstimateOptions()
-    heads = by_start_time([read_head(path) for path in paths])
-    refuse_unmergeable(heads, options.object_path is not None)
-    options = replace(options, exclude=resolve_exclusions(heads, options.exclude))
-    total, done = sum(len(head.strike_ids) for head in heads) + len(heads) + 1, 0
-    read: list[Evidence] = []
-    for head in heads:
-        mine = offset_progress(progress, done, total, f"{head.path.name}, ")
-        read.append(read_evidence(head, options.object_path, mine, reader=cached_strike_reader(cache)))
-        done += len(head.strike_ids)
-    return compare_evidence(read, options, offset_progress(progress, done, total), cache)
+    heads, options = mergeable_heads(paths, options)
+    done, estimates = sum(len(head.strike_ids) for head in heads), len(heads) + 1
+    read = read_recordings(heads, options, progress, cache, further_steps=estimates)
+    return compare_evidence(read, options, offset_progress(progress, done, done + estimates), cache)
 
 
 def compare_evidence(

@@ -41,7 +41,7 @@ MAX_BIRGE_RATIO = 3.0
 """scatter of the falls' rates over that which their standard deviations predict (Birge ratio), above which
 the rate is doubted"""
 MAX_SCATTER = 2.0
-"""rms residual of one fall over the noise of the tag's corners, above which the rate is doubted"""
+"""factor on the noise of the tag's corners that a fall's residuals show, above which the rate is doubted"""
 
 
 def capture_fps(answer: DropAnswer) -> float:

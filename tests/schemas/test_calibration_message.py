@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from acquire.daemon.manifest import calibration_message
+from schemas.calibration_message import calibration_message
 from schemas.session_manifest import CameraCalibrationSpec, LensModel
 
 
@@ -19,6 +19,6 @@ def test_the_lens_model_has_foxgloves_name(model, distortion, name):
     spec = CameraCalibrationSpec(
         model=model, width=640, height=480, K=K, distortion=distortion, T_world_camera=np.eye(4).tolist()
     )
-    message = calibration_message(spec)
+    message = calibration_message(spec, "camera")
     assert message.distortion_model == name
     assert list(message.D) == distortion
