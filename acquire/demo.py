@@ -25,6 +25,7 @@ from acquire.session.session_report import SessionReport
 from acquire.virtual.devices import DeviceOptions, Devices, prepare_devices, refuse_other_address, run_folder
 from acquire.virtual.operator import VirtualOperator
 from acquire.virtual.operator_link import OperatorLink
+from acquire.virtual.pace import read_pace
 from acquire.virtual.processes import interruptible, running_process
 from acquire.virtual.requirements import refuse_missing_libraries
 from acquire.virtual.truth import merge_truth
@@ -116,6 +117,8 @@ def run_demo(
                     progress(f"note: {note}", 0, 1)
                 return _session(rig, output, plan, progress, truth_path, cleanup)
         finally:
+            if note := read_pace(folder).note():
+                progress(f"note: {note}", 1, 1)
             if truth_path.exists() and output.path.exists():
                 progress("finishing: adding the ground truth to the recording", 1, 1)
                 merge_truth(output.path, truth_path)

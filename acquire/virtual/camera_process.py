@@ -38,9 +38,6 @@ if TYPE_CHECKING:
 WORLD_START_S = 10.0
 """longest wait for the first pose of the world [s]"""
 STATISTICS_FILE = "camera.json"
-LATE_NS = 60_000_000
-"""delay [ns] of the newest pose after the exposure's start above which an image is drawn with at most two
-sub-exposures (poses): a busy computer first saves motion blur"""
 SWITCH_INTERVAL_S = 5e-4
 """switch interval of the interpreter's threads [s]: the longest that a due answer or frame waits for its
 thread"""
@@ -68,8 +65,8 @@ class WorldSource:
     def image(self, start_ns: int, settings: StreamSettings) -> NDArray[np.uint8]:
         """Image (height, width), uint8, of one exposure, cut to the region of the sensor in `settings`.
 
-        It is the mean of 1 to 4 poses during the exposure, which gives motion blur. If the newest pose is
-        more than 60 ms later than `start_ns`, the camera is late, and at most 2 poses are used to save time.
+        It is the mean of 1 to 4 poses during the exposure, which gives motion blur. It is the same however
+        late it is drawn, unless the ring has lost the pose.
 
         Args:
             start_ns: host monotonic time at which the exposure starts [ns].
@@ -81,8 +78,6 @@ class WorldSource:
         exposure_ns = settings.exposure_us * 1e3
         poses = self._ring.poses_at([start_ns, start_ns + round(exposure_ns)])
         count = self._renderer.subexposures_needed(*poses)
-        if self._ring.latest_time_ns() - start_ns > LATE_NS:
-            count = min(count, 2)
         if count > 1:
             middles = (np.arange(count) + 0.5) * (exposure_ns / count)
             poses = self._ring.poses_at(start_ns + np.round(middles).astype(np.int64))

@@ -13,6 +13,8 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
 MAX_PARTS = 20
@@ -42,11 +44,15 @@ class ConvexParts:
     """(k, 4) planes: axis (0 to 2), offset [m], and what lies below and above the plane: the number of
     another plane, or -1 - i for the part i; the first plane is the root; empty for a single part"""
 
-    def front_to_back(self, viewer: NDArray[np.float64]) -> list[int]:
+    def front_to_back(
+        self, viewer: NDArray[np.float64], is_whole: Callable[[int], bool] = lambda _plane: False
+    ) -> list[int]:
         """Numbers of the parts in an order in which no part hides one before it.
 
         Args:
             viewer: (3,) position from which the parts are seen [m, in O].
+            is_whole: called with the number of a plane; True if the parts that it divides count as one. In
+                the result it then has the plane's number plus the number of parts.
         """
         order: list[int] = []
         waiting = [0 if len(self.tree) else -1]
@@ -55,10 +61,25 @@ class ConvexParts:
             if node < 0:
                 order.append(-1 - node)
                 continue
+            if is_whole(node):
+                order.append(len(self.corners) + node)
+                continue
             axis, offset, below, above = self.tree[node]
             near, far = (below, above) if viewer[int(axis)] < offset else (above, below)
             waiting += [int(far), int(near)]
         return order
+
+    def below(self, plane: int) -> list[int]:
+        """Numbers of all parts that the plane with the given number, and those under it, divide."""
+        found: list[int] = []
+        waiting = [plane]
+        while waiting:
+            node = waiting.pop()
+            if node < 0:
+                found.append(-1 - node)
+            else:
+                waiting += [int(side) for side in self.tree[node][2:]]
+        return found
 
 
 @dataclass(frozen=True)

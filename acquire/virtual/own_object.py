@@ -30,6 +30,7 @@ from acquire.virtual.mesh_samples import sample_mesh
 from acquire.virtual.objects import VirtualObject
 from acquire.virtual.own_masses import default_shell_m, own_body
 from acquire.virtual.own_tags import tag_entries, with_places
+from acquire.virtual.part_hulls import merged_tree
 from acquire.virtual.primitive_meshes import box_mesh, cylinder_mesh
 from acquire.virtual.station import ARM_INERTIA_KG_M2, ARM_LENGTH_M, DISTANCE_M, FOCAL_PX, TABLE_FRICTION
 from acquire.virtual.tag_places import tag_places
@@ -307,7 +308,9 @@ def _parts(spec: ObjectSpec, exterior: _Exterior) -> ConvexParts | None:
     """Convex parts of a shape from a file, or None for a primitive."""
     if spec.shape.file is None:
         return None
-    return convex_parts(exterior.triangles, sample_mesh(exterior.triangles, _FEW_SAMPLES), exterior.volume)
+    inside = sample_mesh(exterior.triangles, _FEW_SAMPLES)
+    parts = convex_parts(exterior.triangles, inside, exterior.volume)
+    return replace(parts, tree=merged_tree(parts.corners, parts.tree))
 
 
 def _body(spec: ObjectSpec, exterior: _Exterior, given: GivenTruth, rng: np.random.Generator) -> HiddenBody:

@@ -22,6 +22,7 @@ from acquire.errors import AcquireError, ConfigError, DaemonNotRunning
 from acquire.virtual.devices import DeviceOptions, Devices, prepare_devices, refuse_other_address, run_folder
 from acquire.virtual.operator import VirtualOperator
 from acquire.virtual.operator_link import OperatorLink
+from acquire.virtual.pace import read_pace
 from acquire.virtual.processes import interruptible
 from acquire.virtual.requirements import refuse_missing_libraries
 from acquire.virtual.truth import merge_truth
@@ -62,10 +63,10 @@ def rehearse(options: DeviceOptions, folder: Path, show: Show) -> None:
     refuse_missing_libraries()
     rig_path = folder / "rig.toml"
     _refuse_other_file(rig_path)
-    with run_folder(_FOLDER) as run, interruptible(), contextlib.suppress(KeyboardInterrupt):
-        devices = prepare_devices(options, run)
-        object_path = _kept_object(devices, folder)
-        with contextlib.ExitStack() as cleanup:
+    with run_folder(_FOLDER) as run:
+        with interruptible(), contextlib.suppress(KeyboardInterrupt), contextlib.ExitStack() as cleanup:
+            devices = prepare_devices(options, run)
+            object_path = _kept_object(devices, folder)
             cleanup.enter_context(devices.world(run / "rig.toml", folder))
             _write_ours(rig_path, (run / "rig.toml").read_text(encoding="utf-8"))
             cleanup.enter_context(devices.camera())
@@ -74,6 +75,8 @@ def rehearse(options: DeviceOptions, folder: Path, show: Show) -> None:
             for line in _instructions(devices, object_path, rig_path):
                 show(line)
             _serve(devices, world, show)
+        if note := read_pace(run).note():
+            show(f"note: {note}")
 
 
 def _serve(devices: Devices, world: OperatorLink, show: Show) -> None:

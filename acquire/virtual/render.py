@@ -78,6 +78,8 @@ class Renderer:
         self._drawn: list[Box] = []
         self._settings = (np.nan, np.nan)
         self._pose = np.full((1, 11), np.nan)
+        self._object_pose = np.full((1, 7), np.nan)
+        self._object_layers: tuple[Layer | None, Layer | None] = (None, None)
         self._arm_pose = np.full((1, 4), np.nan)
         self._arm_layer: Layer | None = None
         self._empty_clean = self._empty_sd = self._clean = self._sd = np.zeros((height, width), np.float32)
@@ -153,10 +155,7 @@ class Renderer:
             area = box.slices
             self._scene[area] = self._backdrop[area]
             self._clean[area], self._sd[area] = self._empty_clean[area], self._empty_sd[area]
-        body = pose[:1, :7] if np.ptp(pose[:, :7], axis=0).max() <= _AT_REST else pose[:, :7]
-        p, R = body[:, :3], _rotations(body[:, 3:7])
-        shadow = self._object.shadow(p[len(p) // 2], R[len(p) // 2])
-        arm, item = self._arm_at(pose[:, 7:]), self._object.layer(p, R)
+        arm, (shadow, item) = self._arm_at(pose[:, 7:]), self._object_at(pose[:, :7])
         if shadow is not None:
             paint_shadow(self._scene, shadow, _SHADOW)
         for drawn in (arm, item):
@@ -166,6 +165,16 @@ class Renderer:
         self._drawn = [found.box.grown(_PSF_REACH, self._width, self._height) for found in layers]
         for box in _without_contained(self._drawn):
             self._expose_region(box)
+
+    def _object_at(self, pose: NDArray[np.float64]) -> tuple[Layer | None, Layer | None]:
+        """Layers of the object's shadow, and of the object itself with its tags; None if out of view."""
+        pose = pose[:1] if np.ptp(pose, axis=0).max() <= _AT_REST else pose
+        if not _same_pose(pose, self._object_pose):
+            p, R = pose[:, :3], _rotations(pose[:, 3:])
+            middle = len(pose) // 2
+            self._object_layers = self._object.shadow(p[middle], R[middle]), self._object.layer(p, R)
+            self._object_pose = pose
+        return self._object_layers
 
     def _arm_at(self, pose: NDArray[np.float64]) -> Layer | None:
         pose = pose[:1] if np.ptp(pose, axis=0).max() <= _AT_REST else pose

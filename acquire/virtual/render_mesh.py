@@ -34,7 +34,7 @@ class FaceGroup:
     vertices: NDArray[np.float64]
     """(v, 3) corners of the faces [m, in O]"""
     face_point: NDArray[np.float64]
-    """(f, 3) a corner of each face [m]"""
+    """(f, 3) a point in the plane of each face [m]"""
     face_normal: NDArray[np.float64]
     """(f, 3) outward unit normals"""
     points: NDArray[np.float64]
@@ -76,6 +76,44 @@ def face_groups(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> tupl
     Returns:
         One entry per group, with its boundary lines for drawing; every face is in one group.
     """
+    surface = _borders(vertices, faces)
+    label = np.arange(len(faces))
+    for (_, _, f, g), above in zip(surface.borders, surface.height, strict=True):
+        if above <= _FLAT:
+            label[label == label[g]] = label[f]
+    return tuple(_group(vertices, surface, label == name) for name in np.unique(label))
+
+
+def hull_group(points: NDArray[np.float64]) -> FaceGroup:
+    """Faces of the convex hull of points (n, 3) [m] as one group, in the order of `hull_mesh`."""
+    vertices, faces = hull_mesh(points)
+    return _group(vertices, _borders(vertices, faces), np.ones(len(faces), dtype=bool))
+
+
+@dataclass(frozen=True)
+class _Borders:
+    """Faces of a closed mesh and the edges between them."""
+
+    corners: NDArray[np.float64]
+    """(f, 3, 3) corners of the faces [m]"""
+    point: NDArray[np.float64]
+    """(f, 3) a point in the plane of each face [m]; equal for faces in one plane"""
+    normal: NDArray[np.float64]
+    """(f, 3) outward unit normals; equal for faces in one plane"""
+    borders: list[tuple[int, int, int, int]]
+    """two vertices of each edge, and the two faces beside it"""
+    height: list[float]
+    """height of the second face's third corner over the first face, for each edge [m]: negative at a convex
+    edge"""
+
+
+def _borders(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> _Borders:
+    """Faces of a closed mesh and the edges between them.
+
+    Args:
+        vertices: (n, 3) vertices [m].
+        faces: (m, 3) triangles as indices of vertices, normals outward.
+    """
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -83,30 +121,31 @@ def face_groups(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> tupl
     borders = [(a, b, f, owner[b, a]) for (a, b), f in owner.items() if a < b]
     # Two of the neighbour's corners lie on the edge: the sum is the height of its third.
     height = [float(np.sum((corners[g] - corners[f, 0]) @ normal[f])) for _, _, f, g in borders]
-    label = np.arange(len(faces))
+    # Faces in one plane are seen alike to the last bit: the lines between them are left out.
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    plane = np.arange(len(faces))
     for (_, _, f, g), above in zip(borders, height, strict=True):
-        if above <= _FLAT:
-            label[label == label[g]] = label[f]
-    return tuple(
-        _group(vertices, corners, normal, borders, height, label == name) for name in np.unique(label)
-    )
+        if abs(above) <= _FLAT and plane[f] != plane[g]:
+            kept, lost = (plane[f], plane[g]) if area[plane[f]] >= area[plane[g]] else (plane[g], plane[f])
+            plane[plane == lost] = kept
+    return _Borders(corners, corners[plane, 0], normal[plane], borders, height)
 
 
-def _group(
-    vertices: NDArray[np.float64],
-    corners: NDArray[np.float64],
-    normal: NDArray[np.float64],
-    borders: list[tuple[int, int, int, int]],
-    height: list[float],
-    member: NDArray[np.bool_],
-) -> FaceGroup:
+def _group(vertices: NDArray[np.float64], surface: _Borders, member: NDArray[np.bool_]) -> FaceGroup:
+    """Group made of some faces of a mesh.
+
+    Args:
+        vertices: (n, 3) vertices [m].
+        surface: all faces of the mesh.
+        member: (f,) True for the faces of the group.
+    """
     number = np.where(member, np.cumsum(member) - 1, int(member.sum()))
-    a, b, f, g = np.array(borders).T
-    same_plane = member[f] & member[g] & (np.abs(height) <= _FLAT)
+    a, b, f, g = np.array(surface.borders).T
+    same_plane = member[f] & member[g] & (np.abs(surface.height) <= _FLAT)
     a, b, f, g = (end[(member[f] | member[g]) & ~same_plane] for end in (a, b, f, g))
     pieces = np.ceil(np.linalg.norm(vertices[b] - vertices[a], axis=1) / _PIECE_M).astype(int)
     points, start = cut_lines(vertices[a], vertices[b], pieces)
     left, right = np.repeat(number[f], pieces), np.repeat(number[g], pieces)
-    own = corners[member]
-    used = np.unique(own.reshape(-1, 3), axis=0)
-    return FaceGroup(used, own[:, 0], normal[member], points, start, start + 1, left, right)
+    used = np.unique(surface.corners[member].reshape(-1, 3), axis=0)
+    point, normal = surface.point[member], surface.normal[member]
+    return FaceGroup(used, point, normal, points, start, start + 1, left, right)

@@ -10,7 +10,8 @@ import numpy as np
 
 from acquire.virtual.backdrop import LIGHT_WORLD
 from acquire.virtual.layers import Layer, Outline, compose, filled_layer, masked, overlay
-from acquire.virtual.render_mesh import FaceGroup, face_groups, hull_mesh
+from acquire.virtual.render_mesh import FaceGroup, face_groups
+from acquire.virtual.render_parts import PartGroups
 from acquire.virtual.render_tag import Lines, tag_lines
 
 if TYPE_CHECKING:
@@ -47,8 +48,6 @@ class _Card:
     """boundary lines of the tag, as indices of `points`"""
     size_m: float
     """edge of the black square [m]"""
-    sunken: bool
-    """True if the card lies in a hollow that its group fills"""
 
 
 class ObjectPainter:
@@ -66,11 +65,12 @@ class ObjectPainter:
 
     def __init__(self, virtual_object: VirtualObject, lens: Lens, width: int, height: int) -> None:
         self._lens, self._width, self._height = lens, width, height
-        self._parts = virtual_object.drawn_parts
+        parts = virtual_object.drawn_parts
+        self._parts = None if parts is None else PartGroups(parts)
         if self._parts is None:
             self._groups = face_groups(virtual_object.mesh_vertices, virtual_object.mesh_faces)
         else:
-            self._groups = tuple(face_groups(*hull_mesh(part))[0] for part in self._parts.corners)
+            self._groups = self._parts.groups
         self._cards: list[_Card] = []
         for marker in virtual_object.spec.marker:
             if marker.T_object_marker is None:
@@ -78,9 +78,12 @@ class ObjectPainter:
             T = np.array(marker.T_object_marker)
             lines = tag_lines(marker.family, marker.id)
             points = lines.points * (marker.size_m / lines.tag_cells) @ T[:3, :2].T + T[:3, 3]
-            group = self._nearest_group(T[:3, 3]) if self._parts is None else self._part_below(T)
-            sunken = self._parts is not None and _reaches_over(self._groups[group], T, marker.size_m)
-            self._cards.append(_Card(group, T, points, lines, marker.size_m, sunken))
+            group = (
+                self._nearest_group(T[:3, 3])
+                if self._parts is None
+                else self._part_below(T, self._groups[: self._parts.count])
+            )
+            self._cards.append(_Card(group, T, points, lines, marker.size_m))
         self._vertices = virtual_object.mesh_vertices
         self._triangles = virtual_object.mesh_vertices[virtual_object.mesh_faces]
         self._edges = self._triangles[:, 1:] - self._triangles[:, :1]
@@ -104,7 +107,7 @@ class ObjectPainter:
             return float(np.linalg.norm(self._groups[g].vertices.mean(axis=0) - camera_object))
 
         if self._parts is not None:
-            return self._layer_of_parts(self._parts.front_to_back(camera_object), camera_object, R, pose)
+            return self._layer_of_parts(self._parts, camera_object, R, pose)
 
         def faces_camera(card: _Card) -> bool:
             return bool((camera_object - card.T_object_marker[:3, 3]) @ card.T_object_marker[:3, 2] > 0)
@@ -122,34 +125,39 @@ class ObjectPainter:
 
     def _layer_of_parts(
         self,
-        order: list[int],
+        parts: PartGroups,
         camera_object: NDArray[np.float64],
         R: NDArray[np.float64],
         pose: tuple[NDArray[np.float64], NDArray[np.float64]],
     ) -> Layer | None:
         """Image layer of an object that is drawn as convex parts, with its tags; None if out of view.
 
-        A tag is hidden by those parts before its own that reach over the plane of its card; the parts beside
-        it in the same face do not hide it. A tag in a hollow that its own part fills is hidden as a whole, if
-        the surface hides its middle.
+        A tag is hidden by those surfaces before its own that reach over the plane of its card; those beside
+        it in the same face do not hide it. A tag in a hollow that its own surface fills is hidden as a whole,
+        if the object hides its middle.
 
         Args:
-            order: numbers of the parts from front to back.
+            parts: surfaces of the parts.
             camera_object: (3,) position of the camera in O, the object's frame, in the middle pose [m].
             R: (3, 3) rotation from O to W of the middle pose.
             pose: positions (k, 3) [m] and rotations (k, 3, 3) of the poses.
         """
+        order = parts.front_to_back(camera_object)
         surfaces = {g: self._group(self._groups[g], camera_object, R, pose) for g in order}
         visible = [layer for g in order if (layer := surfaces[g]) is not None]
         cards: list[Layer] = []
         for card in self._cards:
             T = card.T_object_marker
             drawn = self._card(card, R, pose) if (camera_object - T[:3, 3]) @ T[:3, 2] > 0 else None
-            if drawn is None or (card.sunken and self._hidden(T, camera_object)):
+            if drawn is None:
+                continue
+            own = next(n for n, g in enumerate(order) if card.group in parts.members[g])
+            fills = _reaches_over(self._groups[order[own]], T, card.size_m)
+            if fills and self._hidden(T, camera_object):
                 continue
             over = [
                 layer
-                for g in order[: order.index(card.group)]
+                for g in order[:own]
                 if (layer := surfaces[g]) is not None and _reaches_over(self._groups[g], T, card.size_m)
             ]
             cards.append(masked(drawn, over))
@@ -193,17 +201,19 @@ class ObjectPainter:
         gaps = [np.linalg.norm(np.maximum(0.0, np.maximum(low - point, point - high))) for low, high in boxes]
         return int(np.argmin(gaps))
 
-    def _part_below(self, T_object_marker: NDArray[np.float64]) -> int:
+    @staticmethod
+    def _part_below(T_object_marker: NDArray[np.float64], parts: tuple[FaceGroup, ...]) -> int:
         """Number of the convex part on which a card lies: one has a face there that looks the card's way.
 
         Where parts meet, several touch the card's middle.
 
         Args:
             T_object_marker: (4, 4) pose of the card in O, the object's frame [m].
+            parts: faces of each part.
         """
         best = (-2.0, -np.inf)
         found = 0
-        for number, group in enumerate(self._groups):
+        for number, group in enumerate(parts):
             heights = np.sum((T_object_marker[:3, 3] - group.face_point) * group.face_normal, axis=1)
             alike = group.face_normal @ T_object_marker[:3, 2]
             gap = float(heights.max())

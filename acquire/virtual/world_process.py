@@ -36,6 +36,7 @@ from acquire.virtual.world import TICK_NS, World
 from acquire.virtual.world_state import StrikerContact, WorldState
 from schemas.proto import percuss_pb2 as pb
 
+STATISTICS_FILE = "world.json"
 _IDLE_NS = 4_000_000
 """interval between wake-ups while nothing moves [ns]"""
 _SLICE_NS = 10_000_000
@@ -70,12 +71,14 @@ class WorldProcess:
         clock_ns: Callable[[], int] = time.monotonic_ns,
         table_tilt: tuple[float, float] = (0.0, 0.0),
     ) -> None:
-        self._clock_ns = clock_ns
+        self._clock_ns, self._folder = clock_ns, folder
         self._ring = PoseRing.create(folder / "pose.ring")
         self._truth = TruthWriter(folder / "truth.bin", truth_body(virtual_object, seed, table_tilt))
         self._ticks = 0
         self._stale_ns = 0
         """largest delay of the physics behind the servo's answers since the last request of the state [ns]"""
+        self._most_stale_ns = 0
+        """the same since the start [ns]"""
         self.world = World(
             virtual_object,
             self._torque,
@@ -96,13 +99,20 @@ class WorldProcess:
         self.stopped = False
 
     def close(self) -> None:
-        """Close control socket, servo port and truth file; truth file and pose ring stay in the folder."""
+        """Close control socket, servo port and truth file; truth file and pose ring stay in the folder.
+
+        The largest delay behind real time is written to `world.json` there.
+        """
         for client in self._clients:
             client.close()
         self._listener.close()
         self._socket_path.unlink(missing_ok=True)
         self.servo.close()
         self._truth.close()
+        with contextlib.suppress(OSError):  # the folder may be gone already
+            (self._folder / STATISTICS_FILE).write_text(
+                json.dumps({"latest_ms": self._most_stale_ns / 1e6}) + "\n", encoding="utf-8"
+            )
 
     def run(self, parent_alive: Callable[[], bool]) -> None:
         """Step the simulated world in real time until `stopped` is set, or `parent_alive` returns False.
@@ -158,6 +168,7 @@ class WorldProcess:
             if self.servo.plugged_in:
                 clock_ns = self._clock_ns()
                 self._stale_ns = max(self._stale_ns, clock_ns - self.world.time_ns)
+                self._most_stale_ns = max(self._most_stale_ns, self._stale_ns)
                 self.servo.service(clock_ns)
         self.world.step_to(now_ns)
 

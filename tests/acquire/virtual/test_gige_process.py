@@ -110,3 +110,6 @@ def test_exposure_uses_poses_spread_over_it(tmp_path: Path, needed: int, expecte
     assert image.shape == (50, 100)
     assert image[0, 0] == 20
     assert source.latest_time_ns() == 10**9 + 10_000_000
+    ring.append(10**9 + 9 * 10**9, [9.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], 0.0, [0.0, 0.0, 0.2])
+    source.image(10**9 + 3_000_000, settings)  # the same blur from a camera that is far behind
+    assert renderer.poses[:, 0] == pytest.approx([3e-3 + ms * 1e-3 for ms in expected_ms], abs=1e-9)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from acquire.errors import AcquireError
+from acquire.virtual.pace import read_pace
 from acquire.virtual.pose_ring import PoseRing
 from acquire.virtual.truth_file import TruthWriter, read_truth_file
 from schemas.proto import percuss_pb2 as pb
@@ -90,7 +91,8 @@ def test_places_poses_truth_servo_and_a_clean_end(world):
     finally:
         link.close()
     assert process.wait(5) == 0
-    assert sorted(path.name for path in folder.iterdir()) == ["pose.ring", "truth.bin"]
+    assert sorted(path.name for path in folder.iterdir()) == ["pose.ring", "truth.bin", "world.json"]
+    assert 0 <= read_pace(folder).world_s < 5
 
 
 def test_invalid_control_requests_get_one_error_line_each(world):
