@@ -19,6 +19,7 @@ from analyze.reading.truth import read_truth
 from analyze.types import Array
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
+from schemas.quantity import Quantity
 from schemas.strike_plan import PlannedStrike
 
 if TYPE_CHECKING:
@@ -104,6 +105,7 @@ def score_answer(path: Path, answer: Answer) -> dict[str, Any]:
         "centre_of_mass_error_m": float(np.linalg.norm(error)),
         "centre_of_mass_error_vector_m": error.tolist(),
         "centre_of_mass_sd_m": sd.tolist(),
+        **_interval_scores(result.centre_of_mass, com_true),
         "centre_of_mass_true_m": com_true.tolist(),
         "centre_of_mass_paper_error_m": float(np.linalg.norm(estimate.paper.com.position - com_true)),
         "strike_ids": [strike.id for strike in used],
@@ -126,6 +128,22 @@ def score_answer(path: Path, answer: Answer) -> dict[str, Any]:
     }
     table.update(_region_scores(estimate, body))
     return table
+
+
+def _interval_scores(com: Quantity, com_true: Array) -> dict[str, Any]:
+    """Intervals of a centre of mass [m], whether they hold the truth, and the direction not measured.
+
+    Args:
+        com: centre of mass in O, the object's frame [m].
+        com_true: (3,) true centre of mass in O [m].
+    """
+    ends = None if com.interval95 is None else np.array(com.interval95, dtype=np.float64)
+    held = None if ends is None else ((ends[:, 0] <= com_true) & (com_true <= ends[:, 1])).tolist()
+    return {
+        "centre_of_mass_interval95_m": com.interval95,
+        "centre_of_mass_in_interval95": held,
+        "centre_of_mass_unobserved_direction": com.unobserved_direction,
+    }
 
 
 def score_if_virtual(paths: Sequence[Path], answer: Answer) -> dict[str, Any] | None:
@@ -294,6 +312,8 @@ def render_score(score: dict[str, Any]) -> None:
             f" paper's estimator: {1e3 * score['centre_of_mass_paper_error_m']:.2f} mm",
         )
     )
+    for line in _interval_lines(score):
+        console.print(styled(line))
     if score["region_mass_error_relative"] is not None:
         naive = min(score["region_mass_error_relative_baselines"].items(), key=lambda item: item[1])
         masses = ", ".join(
@@ -308,3 +328,29 @@ def render_score(score: dict[str, Any]) -> None:
                 f" ({naive[0].replace('_', ' ')}): {naive[1]:.1%}",
             )
         )
+
+
+def _interval_lines(score: dict[str, Any]) -> list[str]:
+    """Sentences on the centre of mass: whether its intervals hold the truth, and what was not measured.
+
+    Args:
+        score: the table that `score_answer` returns.
+    """
+    lines = []
+    if score["centre_of_mass_interval95_m"] is not None:
+        ends = ", ".join(
+            f"{name} {1e3 * low:.1f} to {1e3 * high:.1f}"
+            for name, (low, high) in zip("xyz", score["centre_of_mass_interval95_m"], strict=True)
+        )
+        missed = [
+            name for name, held in zip("xyz", score["centre_of_mass_in_interval95"], strict=True) if not held
+        ]
+        verdict = f"miss it along {' and '.join(missed)}" if missed else "hold the truth"
+        lines.append(f"its 95 % intervals, {ends} mm, {verdict}")
+    if score["centre_of_mass_unobserved_direction"] is not None:
+        x, y, z = score["centre_of_mass_unobserved_direction"]
+        lines.append(
+            f"the strikes do not determine it along ({x:.2f}, {y:.2f}, {z:.2f}): the error there is that of "
+            "an assumption, not of a measurement"
+        )
+    return lines

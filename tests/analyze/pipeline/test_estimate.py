@@ -243,6 +243,31 @@ def test_score_shows_each_moment_error_in_its_strikes_row(estimate, monkeypatch,
     json.dumps(score, allow_nan=False)
 
 
+def test_score_says_whether_the_intervals_hold_the_truth(estimate, monkeypatch, tmp_path, capsys):
+    body = truth_body()
+    monkeypatch.setattr("analyze.result.score.read_truth", lambda path: type("Truth", (), {"body": body}))
+    com = estimate.result.centre_of_mass
+    wide = com.model_copy(
+        update={
+            "interval95": [[-0.1, 0.1], *com.interval95[1:]],
+            "value": [com.value[0] + 0.02, *com.value[1:]],
+            "unobserved_direction": [1.0, 0.0, 0.0],
+        }
+    )
+    vague = replace(estimate, result=estimate.result.model_copy(update={"centre_of_mass": wide}))
+    score = score_answer(tmp_path / "r.mcap", vague)
+    assert score["centre_of_mass_in_interval95"] == [True, True, True]
+    render_score(score)
+    text = " ".join(capsys.readouterr().out.split())
+    assert "95 % intervals, x -100.0 to 100.0, " in text
+    assert "hold the truth" in text
+    assert "the strikes do not determine it along (1.00, 0.00, 0.00)" in text
+    wrong = wide.model_copy(update={"interval95": [[0.09, 0.1], *com.interval95[1:]]})
+    off = replace(estimate, result=estimate.result.model_copy(update={"centre_of_mass": wrong}))
+    render_score(score_answer(tmp_path / "r.mcap", off))
+    assert "miss it along x" in " ".join(capsys.readouterr().out.split())
+
+
 def test_summary_shows_the_answer(estimate):
     console = Terminal(width=80, record=True, file=io.StringIO())
     render_summary(estimate, console)
