@@ -13,16 +13,18 @@ from analyze.types import Array
 from schemas.object_spec import ObjectSpec
 from schemas.strike_plan import PlannedStrike
 
-SIZE_PX = 150.0
+WIDTH_PX, HEIGHT_PX = 176.0, 150.0
 """width and height of the drawing [px]"""
-MARGIN_PX = 14.0
-"""free border of the drawing [px]"""
+BODY_FRAME = (58.0, 10.0), (168.0, 140.0)
+"""upper left and lower right corner [px] of the frame of the object, right of the arrows"""
 ELEVATION = np.radians(28.0)
 """angle of the eye above the horizontal [rad]"""
 FACED = np.radians(35.0)
 """angle of the eye from the side on which the edge is [rad], so that two sides are seen"""
 AXIS_PX = 20.0
 """length of the arrows that show the axes of the object file [px]"""
+ORIGIN_PX = (31.0, 116.0)
+"""place from which the arrows start [px]"""
 
 
 def edge_picture(shape: DrawnShape, spec: ObjectSpec, strike: PlannedStrike, name: str) -> str:
@@ -38,19 +40,24 @@ def edge_picture(shape: DrawnShape, spec: ObjectSpec, strike: PlannedStrike, nam
     """
     body = PlacedObject(shape, spec, np.eye(3), np.zeros(3))
     view = from_the_front_right(shape.hull.mean(axis=0), 5 * shape.size, _azimuth(strike), ELEVATION)
-    view = view.fitted(body.corners, (MARGIN_PX, MARGIN_PX), (SIZE_PX - MARGIN_PX, SIZE_PX - MARGIN_PX - 8))
+    view = view.fitted(body.corners, *BODY_FRAME)
     ends = view.project(_edge(shape, spec, strike))
     parts = draw_body(view, body)
     if len(ends) > 1:
         parts.append(polyline(ends, PIVOT, 5.5))
     else:
         parts.append(disc(ends[0], 5.0, PIVOT, "#fff", 1.2))
-    corner = np.array([AXIS_PX + 4, SIZE_PX - AXIS_PX - 2])
+    start = np.array(ORIGIN_PX)
+    parts.append('<g class="axes">')
     for axis, seen in zip("xyz", view.axes[:2].T * [1.0, -1.0], strict=True):
-        end = corner + AXIS_PX * seen
-        parts += arrow(np.stack([corner, end]), INK, 1.3)
-        parts.append(text(end + 6 * seen + [0, 3], axis, 10))
-    return picture(SIZE_PX, SIZE_PX, parts, f"object with its {name} marked")
+        end = start + AXIS_PX * seen
+        parts += arrow(np.stack([start, end]), INK, 1.3)
+        # An arrow to or from the eye is short, and behind or before that of z: its name is beside it.
+        beside = axis != "z" and abs(seen[0]) < 0.3
+        middle = end + (np.array([-8.0, 0.0]) if beside else 6 * seen)
+        parts.append(text((middle[0], middle[1] + 3), axis, 10))
+    parts.append("</g>")
+    return picture(WIDTH_PX, HEIGHT_PX, parts, f"object with its {name} marked")
 
 
 def _edge(shape: DrawnShape, spec: ObjectSpec, strike: PlannedStrike) -> Array:
@@ -62,9 +69,13 @@ def _edge(shape: DrawnShape, spec: ObjectSpec, strike: PlannedStrike) -> Array:
 
 
 def _azimuth(strike: PlannedStrike) -> float:
-    """Azimuth [rad] of the eye, from -y towards +x: on the side of the object on which the edge is."""
+    """Azimuth [rad] of the eye, from -y towards +x: on the side of the object on which the edge is.
+
+    An upright edge has a side on its left and on its right, and is faced; of others' sides one is below.
+    """
     tip, _, up = np.array(strike.R_world_object)
     outward = tip - up
     if np.hypot(outward[0], outward[1]) < 0.1:
         return FACED
-    return float(np.arctan2(outward[0], -outward[1])) + FACED
+    beside = 0.0 if abs(outward[2]) < 0.1 else FACED
+    return float(np.arctan2(outward[0], -outward[1])) + beside

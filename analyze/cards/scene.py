@@ -196,7 +196,9 @@ def _labels(
         line_ends: (2, 3) ends of the pivot line [m].
         arc: (n, 3) arc of the tipping arrow [m].
     """
-    start, end, tip = view.project(tail)[0], view.project(line_ends)[0], view.project(arc)[-1]
+    start, end = view.project(tail)[0], view.project(line_ends)[0]
+    curve = view.project(arc)
+    beside = curve[len(curve) // 2]
     flat = view.project(camera)
     left, low = float(flat[:, 0].min()), float(flat[:, 1].max())
     side = "seen from opposite the camera" if place.turned else "camera"
@@ -207,7 +209,7 @@ def _labels(
         ink.text((left, low + 30), side, 26, ink.CAMERA, "start"),
         *([] if place.turned else [ink.text((left, low + 58), distance, 22, ink.CAMERA, "start")]),
         ink.text((end[0] + 26, end[1] + 6), edge, 26, ink.PIVOT, "start"),
-        ink.text((min(tip[0] + 14, WIDTH - 180), tip[1] + 26), "tips this way", 24, ink.PIVOT, "start"),
+        ink.text((min(beside[0] + 16, WIDTH - 180), beside[1] - 14), "tips this way", 24, ink.PIVOT, "start"),
     ]
     if place.tag is not None:
         marker = next(each for each in place.body.spec.marker if each.name == place.tag)

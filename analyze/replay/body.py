@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from analyze.types import Array, CameraModel, Marker
     from schemas.strike_plan import PlannedStrike, StrikePlan
 
+_NAME_HEIGHT = 0.085
+"""height of a name in the scene, as a fraction of the object's extent, at the size at which it is shown"""
 _MIN_HALF_AXIS, _CROSS_HALF_LENGTH = 0.035, 0.12
 """Least half axis of the drawn ellipsoid and half length of the cross through it, as fractions of the longest
 extent of the object."""
@@ -125,15 +127,19 @@ def log_inside(
         stream.log(f"{root}/planes{rr.new_entity_path([plane.strike_id])}", quad, outline, static=True)
     _centre(stream, root, model, answer, named=strike_id is None)
     if strike_id is None:
-        _edge_labels(stream, root, answer)
+        _edge_labels(stream, root, model, answer)
     # The first region is the shell: the shape itself shows it.
     for region, colour in zip(answer.regions[1:], REGIONS, strict=False):
         points = rr.Points3D(region.points, colors=[colour], radii=[0.0007])
         stream.log(f"{root}/regions{rr.new_entity_path([region.name])}", points, static=True)
 
 
-def _edge_labels(stream: rr.RecordingStream, root: str, answer: DrawnAnswer) -> None:
-    """Name each struck edge at its place, with its strikes: the legend of the planes that start there."""
+def _edge_labels(stream: rr.RecordingStream, root: str, model: ObjectModel, answer: DrawnAnswer) -> None:
+    """Name each struck edge beside its place, with its strikes: the legend of the planes that start there.
+
+    Names stand at heights at which they do not cover one another, nor that of the centre of mass; a thin line
+    leads from each to its edge.
+    """
     names = edge_labels(answer.result)
     strikes: dict[str, list[str]] = {}
     points: dict[str, Array] = {}
@@ -142,10 +148,19 @@ def _edge_labels(stream: rr.RecordingStream, root: str, answer: DrawnAnswer) -> 
         points.setdefault(plane.axis_id, plane.point)
     if points:
         labels = [f"{names.get(axis_id, axis_id)}: {', '.join(strikes[axis_id])}" for axis_id in points]
-        marks = rr.Points3D(
-            list(points.values()), colors=[GREY], radii=[0.0012], labels=labels, show_labels=True
-        )
+        reach = float(model.extent.max())
+        edges, places = np.array(list(points.values())), np.array(list(points.values()))
+        heights = np.append(edges[:, 2], _name_of_centre(answer, reach)[2])
+        places[:, 2] = views.spread(heights, _NAME_HEIGHT * reach)[:-1]
+        marks = rr.Points3D(places, colors=[GREY], radii=[0.0], labels=labels, show_labels=True)
         stream.log(f"{root}/edge_names", marks, static=True)
+        leaders = rr.LineStrips3D(list(np.stack([edges, places], axis=1)), colors=[GREY], radii=[0.0003])
+        stream.log(f"{root}/edge_names/lines", leaders, static=True)
+
+
+def _name_of_centre(answer: DrawnAnswer, reach: float) -> Array:
+    """Place (3,) [m] in O of the name of the centre of mass, above it; `reach` is the object's extent [m]."""
+    return answer.com.position + np.array([0.0, 0.0, 2.2 * _CROSS_HALF_LENGTH * reach])
 
 
 def _centre(
@@ -174,7 +189,7 @@ def _centre(
         cross = answer.com.position + _CROSS_HALF_LENGTH * reach * np.stack([-np.eye(3), np.eye(3)], axis=1)
         lines = rr.LineStrips3D(list(cross), colors=[BRIGHT], radii=[0.003 * reach])
         stream.log(f"{root}/centre_of_mass/cross", lines, static=True)
-        above = answer.com.position + np.array([0.0, 0.0, 2.2 * _CROSS_HALF_LENGTH * reach])
+        above = _name_of_centre(answer, reach)
         name = rr.Points3D([above], colors=[BRIGHT], radii=[0.0], labels=["centre of mass"], show_labels=True)
         stream.log(f"{root}/centre_of_mass/name", name, static=True)
 

@@ -84,7 +84,7 @@ def layout(pages: Sequence[StrikePage], front: str, bounds: Array | None = None)
     reach = _DEFAULT_SIZE_M if bounds is None else float(np.ptp(bounds, axis=0).max())
     return without_panels(
         rrb.Tabs(
-            _answer(np.zeros(3) if bounds is None else bounds.mean(axis=0), reach),
+            _answer(np.zeros(3) if bounds is None else bounds.mean(axis=0), reach, len(pages)),
             *(_strike(page, reach) for page in pages),
             _session(loose=not pages),
             active_tab=names.index(front) if front in names else 0,
@@ -135,7 +135,7 @@ def _strike(page: StrikePage, reach: float) -> rrb.Horizontal:
     )
 
 
-def _answer(centre: Array, reach: float) -> rrb.Horizontal:
+def _answer(centre: Array, reach: float, strikes: int) -> rrb.Horizontal:
     name = "Where the equi-planes meet (colours: strikes, below); dots: yellow upper, violet lower region"
     eye = np.array([0.95, -1.25, 0.5])
     return rrb.Horizontal(
@@ -146,12 +146,17 @@ def _answer(centre: Array, reach: float) -> rrb.Horizontal:
                 name="All strikes: θ [°]",
                 plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
             ),
-            row_shares=[2.4, 1],
+            row_shares=[1 - (share := _legend_share(strikes)), share],
         ),
         rrb.TextDocumentView(origin="/summary", name="Answer"),
         column_shares=[1.2, 1],
         name="Answer",
     )
+
+
+def _legend_share(strikes: int) -> float:
+    """Share of the page's height for a plot whose legend has a line per strike, from 0.3 to 0.5."""
+    return min(max(0.3, 0.1 + 0.027 * strikes), 0.5)
 
 
 def _session(*, loose: bool) -> rrb.Horizontal:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.optimize import isotonic_regression
 from scipy.spatial import ConvexHull
 
 from analyze.estimation.mass_properties import CentreOfMass
@@ -234,6 +235,14 @@ def object_poses(
         along, over = flank.rolling_displacement(angle.theta)
         moved = moved + np.stack([along, np.zeros_like(along), over], axis=-1)
     return turn @ R_rest, turn @ (p_rest - pivot) + pivot + moved
+
+
+def spread(places: Array, apart: float) -> Array:
+    """Places (n,) on a line, moved as little as possible (least squares) so that all are `apart` or more."""
+    order, steps = np.argsort(places, kind="stable"), apart * np.arange(len(places))
+    moved = np.empty(len(places))
+    moved[order] = isotonic_regression(places[order] - steps).x + steps
+    return moved
 
 
 def plane_section(model: ObjectModel, point: Array, normal: Array, margin: float = 1.12) -> Array:

@@ -13,7 +13,7 @@ from analyze.report.style import BLUE, INK, MUTED, RED, style
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-WIDTH = 4.6
+WIDTH = 4.2
 """width of a plot [in]"""
 
 

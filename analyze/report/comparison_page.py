@@ -13,15 +13,16 @@ import numpy as np
 from analyze.report.comparison_document import comparison_document
 from analyze.report.comparison_plots import angles_figures, forest_figure
 from analyze.report.csv_table import Cell, CsvTable, table_of
-from analyze.report.page import figure_element, manifest_time, page_environment
+from analyze.report.page import figure_element, manifest_time, page_environment, sentence
 from analyze.report.summary import DEGREES
 from analyze.result.digits import inertia_unit
+from analyze.result.headline import edge_labels
 from schemas.document import canonical_json
 from schemas.output_file import write_text
 from schemas.wording import counted
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from analyze.result.comparison import SessionComparison
@@ -73,13 +74,17 @@ def render_comparison(compared: SessionComparison) -> str:
     odd = compared.outlier
     names = [f"session {number}" for number in range(1, len(document.sessions) + 1)]
     shown = shown_kinds(document)
-    by_kind = {kind: [each for each in document.precision if each.kind == kind] for kind in shown}
+    labels = edge_labels(compared.joint.result)
+    rows_of = {kind: [each for each in document.precision if each.kind == kind] for kind in shown}
+    by_kind = {kind: [_named(row, labels) for row in rows] for kind, rows in rows_of.items()}
+    titles = {axis_id: label.removesuffix(f" ({axis_id})") for axis_id, label in labels.items()}
+    drawn = {kind: [_named(row, titles) for row in rows] for kind, rows in rows_of.items()}
     forests = {
         kind: [
             figure_element(forest_figure(row, names, shown[kind].factor, shown[kind].unit, odd))
             for row in rows
         ]
-        for kind, rows in by_kind.items()
+        for kind, rows in drawn.items()
         if rows and kind != "phi"
     }
     return (
@@ -90,7 +95,7 @@ def render_comparison(compared: SessionComparison) -> str:
             shown=shown,
             by_kind=by_kind,
             forests=forests,
-            angles=[figure_element(figure) for figure in angles_figures(by_kind["phi"], names, odd)],
+            angles=[figure_element(figure) for figure in angles_figures(drawn["phi"], names, odd)],
             setups=max(session.setup for session in document.sessions),
             created=[manifest_time(session.recording.created) for session in document.sessions],
             lead=comparison_summary(document),
@@ -98,6 +103,20 @@ def render_comparison(compared: SessionComparison) -> str:
             distance_R=_distance([each.s_R for each in by_kind["centre_of_mass"]]),
         )
     )
+
+
+def _named(row: QuantityPrecision, edges: Mapping[str, str]) -> QuantityPrecision:
+    """Copy of a row whose name begins with a capital letter, and has the name of its edge, if it has one.
+
+    Args:
+        row: row of a moment ("I p2e0"), a balance angle ("φ p2e0 at 180°") or another quantity.
+        edges: names of the edges by id of the pivot axis.
+    """
+    name = row.name
+    if row.kind in {"moment", "phi"}:
+        axis_id, at, heading = name.split(" ", 1)[1].partition(" at ")
+        name = f"{edges.get(axis_id, axis_id)}{at}{heading}"
+    return row.model_copy(update={"name": sentence(name)})
 
 
 def comparison_summary(document: Comparison) -> str:

@@ -44,7 +44,7 @@ def forest_figure(
         figure = Figure(figsize=(PANEL_WIDTH, 0.95 + 0.24 * (count + 1)), layout="constrained")
         axes = figure.subplots()
         _forest(axes, quantity, factor, odd, count)
-        axes.set_title(quantity.name)
+        figure.suptitle(quantity.name, x=0.0, ha="left", fontsize=9, fontweight="bold")
         axes.set_xlabel(f"[{unit}]")
         _few_ticks(axes)
         axes.set_yticks(range(count + 1), [*names, "joint"])
@@ -124,7 +124,8 @@ def angles_figures(
                     alpha=0.75,
                     mew=0,
                 )
-            axes.set_title(f"{quantity.name.removeprefix('φ ')}: {math.degrees(quantity.mean):.2f}°")
+            title = f"{quantity.name}: {math.degrees(quantity.mean):.2f}°"
+            figure.suptitle(title, x=0.0, ha="left", fontsize=9, fontweight="bold")
             axes.set_yticks(range(count), names)
             axes.set_ylim(count - 0.5, -0.5)
             axes.set_xlim(-reach, reach)

@@ -40,6 +40,8 @@ def page_environment() -> Environment:
         sentence=sentence,
         contents=contents,
         anchored=anchored,
+        stackable=stackable,
+        unbroken=unbroken,
     )
     return environment
 
@@ -50,9 +52,10 @@ def figure_element(figure: Figure) -> Markup:
 
 
 def typeset(sentence: str) -> Markup:
-    """Sentence as safe HTML with typographic minus signs; commands between backticks become <code>."""
+    """Sentence as safe HTML: typographic minus signs, s_r and s_R with indices, `commands` as <code>."""
     escaped = str(escape(re.sub(r"(?<![\w.-])-(?=\d)", "−", sentence)))
-    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", escaped))  # noqa: S704 - escaped above
+    lowered = re.sub(r"\bs_([rR])\b", r"s<sub>\1</sub>", escaped)
+    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", lowered))  # noqa: S704 - escaped above
 
 
 def sentence(text: str) -> str:
@@ -73,6 +76,36 @@ def anchored(page: Markup) -> Markup:
     """HTML of a page with the anchors of `contents` on its headings (h2)."""
     html = _HEADING.sub(lambda found: f'<h2 id="{_anchor(found[1])}">{found[1]}</h2>', page)
     return Markup(html)  # noqa: S704 - templates escaped it
+
+
+_STACKED = re.compile(r'<table class="stacked">.*?</table>', re.DOTALL)
+_HEADER = re.compile(r"<th(?:\s[^>]*)?>(.*?)</th>", re.DOTALL)
+_ROW = re.compile(r"<tr\b[^>]*>\s*<td.*?</tr>", re.DOTALL)
+_CELL = re.compile(r"(<td[^>]*>)")
+
+
+def stackable(page: Markup) -> Markup:
+    """HTML of a page in which each cell of a table of the class `stacked` holds its column's heading too.
+
+    Narrow pages show each row of such a table as a block of its own, with the headings in it; others hide
+    them.
+    """
+    return Markup(_STACKED.sub(lambda found: _headed(found[0]), page))  # noqa: S704 - templates escaped it
+
+
+def _headed(table: str) -> str:
+    headers = _HEADER.findall(table)
+
+    def row(found: re.Match[str]) -> str:
+        labels = iter(headers)
+        return _CELL.sub(lambda cell: f'{cell[1]}<span class="label">{next(labels)}</span>', found[0])
+
+    return _ROW.sub(row, table)
+
+
+def unbroken(page: Markup) -> Markup:
+    """HTML of a page in which no line ends between a number and its unit."""
+    return Markup(re.sub(r"(?<=\d)[ \n](?=(?:%|mm|g|kg|°)(?![\w/]))", "\u00a0", page))  # noqa: S704 - as above
 
 
 def _anchor(title: str) -> str:

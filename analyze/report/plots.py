@@ -47,7 +47,7 @@ def strike_figure(motion: TipMotion, title: str) -> Figure:
     zero = angle.time_ns[0] if fit is None else fit.time0_ns
     time: Array = (angle.time_ns - zero).astype(np.float64) * 1e-9
     with style():
-        figure = Figure(figsize=(4.6, 3.3), layout="constrained")
+        figure = Figure(figsize=(4.2, 3.2), layout="constrained")
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3.2, 1))
         _bands(upper, motion, time)
         _bands(lower, motion, time)
@@ -215,7 +215,7 @@ def regions_figure(estimate: Estimate, truth: Mapping[str, float] | None = None)
     masses, (low, high) = 1e3 * distribution.masses, 1e3 * distribution.intervals.T
     place = np.arange(len(masses))
     with style():
-        figure = Figure(figsize=(4.6, 3.3), layout="constrained")
+        figure = Figure(figsize=(4.2, 3.2), layout="constrained")
         axes = figure.subplots()
         axes.barh(place, masses, height=0.5, color=BLUE, alpha=0.85)
         spread = np.maximum([masses - low, high - masses], 0.0)
@@ -239,7 +239,7 @@ def regions_figure(estimate: Estimate, truth: Mapping[str, float] | None = None)
         axes.set_xlim(left=0)
         axes.set_xlabel("mass [g]")
         axes.grid(visible=False, axis="y")
-        figure.legend(loc="outside lower center", ncols=3)
+        figure.legend(loc="outside lower center", ncols=2)
     return figure
 
 
@@ -259,7 +259,7 @@ def moments_figure(
     unit = unit or inertia_unit(estimate.inertial.inertia)
     place = np.arange(len(axes_of))
     with style():
-        figure = Figure(figsize=(4.6, 0.9 + 0.3 * len(axes_of)), layout="constrained")
+        figure = Figure(figsize=(4.2, 0.9 + 0.3 * len(axes_of)), layout="constrained")
         axes = figure.subplots()
         value = unit.factor * np.array([axis.i_com for axis in axes_of])
         spread = SIGMAS_95 * unit.factor * np.array([axis.i_com_sd for axis in axes_of])

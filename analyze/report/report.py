@@ -23,7 +23,7 @@ from analyze.report.prediction_plot import prediction_figures
 from analyze.report.sensitivity_plot import influence_figure, largest_source_text, source_rows, sources_figure
 from analyze.report.summary import DEGREES, filling_rows, robustness_rows
 from analyze.report.truth import ShownTruth, shown_truth
-from analyze.report.voxel_map import voxel_figure, voxel_map_text
+from analyze.report.voxel_map import voxel_figures, voxel_map_text
 from analyze.result.digits import decimals, number, signed
 from analyze.result.frame_times import frame_time_lines
 from analyze.result.headline import com_entries, edge_labels, further_warnings, headline
@@ -122,7 +122,7 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
             regions=figure_element(
                 regions_figure(estimate, truth.regions if truth is not None and truth.regions else None)
             ),
-            voxels=figure_element(voxel_figure(estimate.voxels)),
+            voxels=[figure_element(figure) for figure in voxel_figures(estimate.voxels)],
             voxel_text=voxel_map_text(estimate.voxels),
             moments=figure_element(
                 moments_figure(estimate, None if truth is None else truth.i_com, shown.unit)

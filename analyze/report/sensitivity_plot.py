@@ -112,7 +112,7 @@ def sources_figure(rows: Sequence[SourceRow], half: float) -> Figure:
     values = 1e3 * np.array([half, *(row.half for row in shown)])
     place = np.arange(len(names))
     with style():
-        figure = Figure(figsize=(4.6, 0.75 + 0.27 * len(names)), layout="constrained")
+        figure = Figure(figsize=(4.2, 0.75 + 0.27 * len(names)), layout="constrained")
         axes = figure.subplots()
         axes.barh(place, values, height=0.62, color=[INK, *[BLUE] * len(shown)])
         digits = 2 if values[0] >= 0.05 else 3
@@ -146,16 +146,25 @@ def influence_figure(sensitivity: Sensitivity) -> Figure:
     place = np.arange(len(strikes))
     reach = 1.1 * float(np.abs(moved).max())
     with style():
-        figure = Figure(figsize=(4.6, 0.75 + 0.27 * (len(strikes) + 1)), layout="constrained")
+        figure = Figure(figsize=(4.2, 0.75 + 0.27 * (len(strikes) + 1)), layout="constrained")
         panels = figure.subplots(1, 3, sharey=True, sharex=True)
         for axes, along, name in zip(panels, moved.T, "xyz", strict=True):
             axes.barh(place, along, height=0.62, color=colours)
             axes.axvline(0.0, color=MUTED, lw=0.7)
             axes.set_title(name)
             axes.grid(visible=False, axis="y")
-            axes.locator_params(axis="x", nbins=3)
         panels[0].set_yticks(place, [strike.strike_id for strike in strikes])
         panels[0].set_ylim(len(strikes) - 0.5, -0.6)
         panels[0].set_xlim(-reach, reach)
+        tick = _round_number(0.85 * reach)
+        panels[0].set_xticks([-tick, 0.0, tick], [f"−{tick:g}", "0", f"{tick:g}"])
         figure.supxlabel("shift of c [mm] if φ is larger by 0.1°", fontsize=8.5)
     return figure
+
+
+def _round_number(most: float) -> float:
+    """Largest of the numbers 1, 2 and 5 times a power of ten that is not above `most`; 0 for 0."""
+    if most <= 0:
+        return 0.0
+    power = 10.0 ** np.floor(np.log10(most))
+    return float(next(each for each in (5.0, 2.0, 1.0) if each * power <= most * (1 + 1e-9)) * power)

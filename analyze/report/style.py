@@ -55,6 +55,10 @@ THEMED = {
     EMPTY: "empty",
     EMPTY_LINES: "empty-lines",
     BLUE: "blue",
+    ORANGE: "orange",
+    GREEN: "green",
+    PURPLE: "purple",
+    SKY: "sky",
     RED: "red",
     **{colour: f"phase-{name.replace('_', '-')}" for name, colour in PHASES.items()},
 }

@@ -187,7 +187,7 @@ def robustness_rows(rows: Sequence[AlternativeResult]) -> list[tuple[str, str, s
         name = row.what_if if row.strike is None else f"{row.what_if}: {row.strike} (the worst)"
         shift = 1e3 * float(np.linalg.norm(row.com_shift_m))
         changes = row.moment_changes
-        moments = "–" if changes is None else ", ".join(f"{100 * change:+.1f}" for change in changes)
+        moments = "–" if changes is None else ", ".join(signed(100 * change, 1) for change in changes)
         broken = [
             text
             for text, holds in (("centre of mass", row.com_holds), ("moments", row.moments_hold))

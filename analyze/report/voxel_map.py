@@ -6,7 +6,10 @@ import io
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from analyze.report.plots import VIEWS
 from analyze.report.style import DENSITY_MAP, style
@@ -28,8 +31,8 @@ _MAX_MISFIT = 3.0
 """Rms of residuals over their sd above which the map does not fit the moments."""
 
 
-def voxel_figure(voxels: VoxelMap) -> Figure:
-    """Matplotlib figure of the mean density [g/cm³] along the line of sight, from front, side and top.
+def voxel_figures(voxels: VoxelMap) -> list[Figure]:
+    """Figures of the mean density [g/cm³] along the line of sight, from front, side and top; their scale.
 
     `voxels` are cells of the body with their volumes and estimated densities; axes are in mm. Where there is
     next to no volume, the figure is blank.
@@ -50,19 +53,23 @@ def voxel_figure(voxels: VoxelMap) -> Figure:
         with np.errstate(invalid="ignore", divide="ignore"):
             images.append((edges, np.where(volume > 0.02 * volume.max(), 1e-3 * mass / volume, np.nan)))
     most = max(float(np.nanmax(image)) for _, image in images)
+    found: list[Figure] = []
     with style():
-        figure = Figure(figsize=(7.4, 2.9), layout="constrained")
-        panels = figure.subplots(1, 3)
-        for axes, (across, up, name), (edges, image) in zip(panels, VIEWS, images, strict=True):
+        for (across, up, name), (edges, image) in zip(VIEWS, images, strict=True):
+            figure = Figure(figsize=(3.05, 3.2), layout="constrained")
+            axes = figure.subplots()
             axes.pcolormesh(*edges, image.T, cmap=DENSITY_MAP, vmin=0.0, vmax=most, linewidth=0)
             axes.set_title(name)
             axes.set_aspect("equal")
             axes.set_xlabel(f"{'xyz'[across]} [mm]")
             axes.set_ylabel(f"{'xyz'[up]} [mm]")
             axes.grid(visible=False)
-        bar = figure.colorbar(panels[0].collections[0], ax=panels, shrink=0.8)
+            found.append(figure)
+        scale = Figure(figsize=(3.6, 0.55), layout="constrained")
+        colours = ScalarMappable(Normalize(0.0, most), DENSITY_MAP)
+        bar = scale.colorbar(colours, cax=scale.subplots(), orientation="horizontal", ticks=MaxNLocator(5))
         bar.set_label("mean density [g/cm³]")
-    return figure
+    return [*found, scale]
 
 
 def voxel_map_text(voxels: VoxelMap) -> str:

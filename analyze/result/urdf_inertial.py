@@ -41,8 +41,8 @@ def inertial_element(mass: float, com: Array, inertia: Array) -> ET.Element:
 def inertial_block(result: Result) -> str | None:
     """Text of a result's `<inertial>` element, to be copied into a URDF file; None if no body can have it.
 
-    A comment names entries of the tensor, and a direction of the centre of mass, that strikes did not
-    measure. Lines have at most 80 characters.
+    Comments name entries of the tensor that strikes did not measure, and say if this is so for the centre of
+    mass in one direction. Lines are short enough for a phone: at most 50 characters.
     """
     if result.mass.value is None or result.centre_of_mass.value is None or result.inertia.value is None:
         return None
@@ -54,16 +54,18 @@ def inertial_block(result: Result) -> str | None:
     if not is_possible(mass, short):
         return None
     entries = tensor_entries(short)
-    names = ("ixx", "iyy", "izz"), ("ixy", "ixz", "iyz")
-    first, second = (" ".join(f'{name}="{entries[name]}"' for name in each) for each in names)
+    rows = ("ixx", "iyy"), ("izz", "ixy"), ("ixz", "iyz")
+    tensor = [" ".join(f'{name}="{entries[name]}"' for name in row) for row in rows]
     return "\n".join(
         [
             "<inertial>",
             *(f"  <!-- {text} -->" for text in _unmeasured(result)),
-            f'  <origin xyz="{numbers(_short(com))}" rpy="0 0 0"/>',
+            '  <origin rpy="0 0 0"',
+            f'    xyz="{numbers(_short(com))}"/>',
             f'  <mass value="{numbers(_short(np.array([mass])))}"/>',
-            f"  <inertia {first}",
-            f"           {second}/>",
+            "  <inertia",
+            *(f"    {row}" for row in tensor[:-1]),
+            f"    {tensor[-1]}/>",
             "</inertial>",
         ]
     )
@@ -99,8 +101,7 @@ def _unmeasured(result: Result) -> list[str]:
     found: list[str] = []
     measured = result.inertia_measured or [[result.inertia.observed] * 3] * 3
     names = [f"i{'xyz'[i]}{'xyz'[j]}" for i, j in TENSOR_ENTRIES if not measured[i][j]]
-    if names:
-        found.append(f"from the shape, not measured: {', '.join(names)}")
+    found += [f"from the shape: {', '.join(names[i : i + 3])}" for i in range(0, len(names), 3)]
     if not result.centre_of_mass.observed:
-        found.append("one direction of the centre of mass comes from the shape")
+        found.append("xyz not measured in one direction")
     return found

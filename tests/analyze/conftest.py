@@ -40,8 +40,9 @@ def samples_are_tracked_once() -> Iterator[None]:
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the plots of a report empty, for tests of its texts: plots take nine tenths of its time."""
-    for figure in ("regions", "voxel", "moments", "sources", "influence", "strike"):
+    for figure in ("regions", "moments", "sources", "influence", "strike"):
         monkeypatch.setattr(f"analyze.report.report.{figure}_figure", lambda *_: None)
+    monkeypatch.setattr("analyze.report.report.voxel_figures", lambda _: [None] * 4)
     monkeypatch.setattr("analyze.report.report.projection_figures", lambda *_: [None] * 3)
     monkeypatch.setattr("analyze.report.report.prediction_figures", lambda strikes: [None] * len(strikes))
     monkeypatch.setattr("analyze.report.report.figure_element", lambda _: Markup("<svg></svg>"))

@@ -18,10 +18,18 @@ DESKTOP = (1280, 900)
 PHONE = (390, 844)
 A4_PX = (703, 1032)
 """width and height of a printed page within margins of 12 mm [px], at CSS's 96 px per inch"""
+A4_CARDS_PX = (1062, 733)
+"""width and height of a printed card, landscape within margins of 8 mm [px]"""
 HERE = ("file:", "data:")
 PATIENCE_MS = 60_000
 LEAST_INK = 0.004
 """least share of a plot's pixels that must differ from its background"""
+LEAST_CONTRAST = 4.5
+"""contrast of text against the page that WCAG 2 asks for (level AA)"""
+PLOT_FONT = 7.0
+"""smallest font [pt] of matplotlib's plots, whose labels are outlines"""
+LEAST_FONT_PX = 7.0
+"""size [px] below which a label of a plot is illegible"""
 
 OVERFLOWING = """(scrolls) => [...document.querySelectorAll('main *:not(svg *)')].filter(each => {
     const box = each.getBoundingClientRect();
@@ -29,19 +37,21 @@ OVERFLOWING = """(scrolls) => [...document.querySelectorAll('main *:not(svg *)')
     return beyond && !(scrolls && each.closest('.scroll, .views'));
 }).map(each => `${each.tagName} ${each.className.baseVal ?? each.className} reaches ` +
     `${Math.round(each.getBoundingClientRect().right)}`)"""
-CUT_TEXT = """() => [...document.querySelectorAll('.card, .big')]
-    .filter(each => each.scrollWidth > each.clientWidth + 1)
-    .map(each => each.textContent.trim())"""
 TEXTS = """
+    const APART = 'svg, style, script, math, .toc, .sidebar-drawer, .toc-drawer, .skip-to-content, ' +
+        '.visually-hidden, details:not([open])';
     const texts = [];
     const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
     for (let node = walker.nextNode(); node; node = walker.nextNode()) {
-        if (!node.data.trim() || node.parentElement.closest('svg, style, .toc')) continue;
+        if (!node.data.trim() || node.parentElement.closest(APART)) continue;
         const range = document.createRange();
         range.selectNodeContents(node);
         for (const box of range.getClientRects())
             if (box.width > 0) texts.push({node, box, text: node.data.trim().slice(0, 40)});
     }
+    const labels = plot => [...plot.querySelectorAll('g[id^=text_], text')]
+        .map(each => ({each, name: each.id || each.textContent, box: each.getBoundingClientRect()}))
+        .filter(({box}) => box.width > 0);
     const overlap = (a, b, slack) => Math.min(a.right, b.right) - Math.max(a.left, b.left) > slack &&
         Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > slack;
 """
@@ -53,11 +63,28 @@ OVERLAPPING = f"""() => {{{TEXTS}
     return found;
 }}"""
 OVERLAPPING_LABELS = f"""(plots) => {{{TEXTS}
-    return [...document.querySelectorAll(plots)].flatMap(plot => {{
-        const groups = [...plot.querySelectorAll('g[id^=text_]')];
-        const labels = groups.map(each => [each.id, each.getBoundingClientRect()]);
-        return labels.flatMap(([name, box], i) => labels.slice(i + 1)
-            .filter(([, other]) => overlap(box, other, 1)).map(([other]) => `${{name}} / ${{other}}`));
+    return [...document.querySelectorAll(plots)].flatMap(plot => labels(plot).flatMap(({{name, box}}, i) =>
+        labels(plot).slice(i + 1).filter(other => overlap(box, other.box, 1))
+            .map(other => `${{name}} / ${{other.name}}`)));
+}}"""
+CUT_TEXT = f"""() => {{{TEXTS}
+    const beyond = (box, frame) => box.left < frame.left - 1 || box.right > frame.right + 1 ||
+        box.top < frame.top - 3 || box.bottom > frame.bottom + 3;
+    const clips = each => /hidden|clip|auto|scroll/.test(getComputedStyle(each).overflow);
+    const found = texts.filter(({{node, box}}) => {{
+        for (let each = node.parentElement; each && each !== document.body; each = each.parentElement)
+            if (clips(each) && beyond(box, each.getBoundingClientRect())) return true;
+        return box.left < -1 || box.right > document.documentElement.clientWidth + 1;
+    }}).map(({{text}}) => text);
+    return found.concat([...document.querySelectorAll('svg')].flatMap(plot => labels(plot)
+        .filter(({{box}}) => beyond(box, plot.getBoundingClientRect())).map(({{name}}) => name)));
+}}"""
+SMALL_LABELS = f"""([smallest, least]) => {{{TEXTS}
+    return [...document.querySelectorAll('svg')].flatMap(plot => {{
+        const scale = plot.getBoundingClientRect().width / plot.viewBox.baseVal.width;
+        return labels(plot).map(({{each, name}}) => ({{
+            name, size: scale * (parseFloat(each.getAttribute('font-size')) || smallest),
+        }})).filter(({{size}}) => size < least).map(({{name, size}}) => `${{name}}: ${{size.toFixed(1)}} px`);
     }});
 }}"""
 CONTRASTS = f"""() => {{{TEXTS}
@@ -72,9 +99,9 @@ CONTRASTS = f"""() => {{{TEXTS}
         }}
         return 'rgb(255, 255, 255)';
     }};
-    return texts.map(({{node}}) => {{
+    return texts.filter(({{node}}) => !node.parentElement.closest('.symbol')).map(({{node, text}}) => {{
         const [a, b] = [getComputedStyle(node.parentElement).color, ground(node.parentElement)].map(light);
-        return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+        return [text, (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05)];
     }});
 }}"""
 PLOTS = """() => [...document.querySelectorAll('main svg, main img, canvas')].map(each => {
@@ -98,8 +125,26 @@ class WatchedPage:
         """
         return self.page.evaluate(OVERFLOWING, scrolls)
 
+    def faults(self, least_font: float = LEAST_FONT_PX) -> list[str]:
+        """All that keeps the page from being read as it is shown, in words; empty for a page without fault.
+
+        These are elements beyond the right edge, cut and overlapping texts, labels of plots that are cut,
+        cover each other or are smaller than `least_font` [px], faint texts, empty plots, and `problems`.
+        """
+        faint = {text for text, contrast in self.contrasts() if contrast < LEAST_CONTRAST}
+        return [
+            *(f"overflows: {each}" for each in self.overflowing(scrolls=False)),
+            *(f"cut: {each}" for each in self.cut_text()),
+            *(f"overlap: {each}" for each in self.overlapping()),
+            *(f"labels overlap: {each}" for each in self.overlapping_labels("svg")),
+            *(f"small: {each}" for each in self.page.evaluate(SMALL_LABELS, [PLOT_FONT, least_font])),
+            *(f"faint: {each}" for each in sorted(faint)),
+            *(f"empty: {each}" for each in self.empty_plots()),
+            *self.problems,
+        ]
+
     def cut_text(self) -> list[str]:
-        """Texts of cards that are wider than their card."""
+        """Texts and labels of plots that reach out of what shows them, be it page, box or plot."""
         return self.page.evaluate(CUT_TEXT)
 
     def overlapping(self) -> list[str]:
@@ -110,8 +155,8 @@ class WatchedPage:
         """Pairs of labels within one plot that cover each other; `plots` is a CSS selector of plots."""
         return self.page.evaluate(OVERLAPPING_LABELS, plots)
 
-    def contrasts(self) -> list[float]:
-        """Contrast of each text outside plots with its background, by WCAG 2: from 1 to 21."""
+    def contrasts(self) -> list[tuple[str, float]]:
+        """Each text outside plots with its contrast with the background, by WCAG 2: from 1 to 21."""
         return self.page.evaluate(CONTRASTS)
 
     def picture(self) -> np.ndarray:

@@ -9,7 +9,7 @@ from analyze.estimation.part_masses import MeasuredMoments, measured_moments
 from analyze.estimation.voxel_map import voxel_map
 from analyze.geometry.object_model import DENSITIES
 from analyze.pipeline.estimate import estimate_evidence
-from analyze.report.voxel_map import voxel_figure, voxel_map_text, write_voxels
+from analyze.report.voxel_map import voxel_figures, voxel_map_text, write_voxels
 from tests.analyze.simulated_session import carton, session
 
 
@@ -76,8 +76,8 @@ def test_uniform_body_gives_a_uniform_map(estimate):
 
 
 def test_figure_and_table(estimate, tmp_path):
-    figure = voxel_figure(estimate.voxels)
-    assert len(figure.axes) == 4
+    figures = voxel_figures(estimate.voxels)
+    assert [len(figure.axes) for figure in figures] == [1, 1, 1, 1]
     write_voxels(estimate.voxels, tmp_path / "map.csv")
     lines = (tmp_path / "map.csv").read_text(encoding="utf-8").splitlines()
     assert lines[0].startswith("# The most uniform distribution")

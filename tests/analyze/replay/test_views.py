@@ -119,3 +119,10 @@ def test_contact_from_the_motion_is_the_begin_of_the_tip_within_a_frame(evidence
     assert views.contact_from_motion(dataclasses.replace(motion, phases=None)) is None
     first = motion.angle.time_ns[motion.phases.strike[0]]
     assert views.contact_from_motion(dataclasses.replace(motion, fit=None)) == first
+
+
+def test_names_are_spread_as_little_as_their_height_requires():
+    places = np.array([0.07, 0.0, 0.071, -0.07])
+    moved = views.spread(places, 0.01)
+    assert np.all(np.diff(np.sort(moved)) >= 0.01 - 1e-12)
+    assert moved == pytest.approx([0.0655, 0.0, 0.0755, -0.07])

@@ -54,6 +54,4 @@ def test_no_label_of_a_panel_covers_another(chromium, page, size):
     with watched(chromium, size) as shown:
         shown.page.goto(page.as_uri())
         assert shown.plots() == 6
-        assert shown.overlapping_labels(".panels svg") == []
-        assert shown.empty_plots() == []
-        assert shown.overflowing() == []
+        assert shown.faults() == []

@@ -45,8 +45,9 @@ def test_page_is_complete_and_self_contained(html, short):
     parser.feed(html)
     assert parser.open == []
     edges = {strike.axis_id for strike in short.result.strikes}
-    # Three views, sources, influences, regions, voxels, moments; edges, predictions, and a plot per strike.
-    assert parser.tags.count("svg") == 8 + len(edges) + len(short.estimate.predictions) + 4
+    # Three views, sources, influences, regions, moments, voxels from three sides with their scale; edges,
+    # predictions, and a plot per strike.
+    assert parser.tags.count("svg") == 11 + len(edges) + len(short.estimate.predictions) + 4
     assert "script" not in parser.tags
     assert "link" not in parser.tags
     assert not re.search(r'(?:src|href)="(?!data:|#)', html)
@@ -62,7 +63,7 @@ def test_page_shows_the_results_numbers(estimate, undrawn):
         assert f"{1e3 * region.mass.value:.1f}" in html
     for strike in estimate.result.strikes:
         assert strike.id in html
-        assert f">{with_interval(strike.phi, 180 / np.pi)}<" in html
+        assert f"</span>{with_interval(strike.phi, 180 / np.pi)}<" in html
         assert f"{strike.edge_name} ({strike.axis_id})" in html
     assert estimate.result.inputs.content_id in html
     assert STILL.data_url in html
@@ -150,7 +151,10 @@ def test_ground_truth_is_shown_with_the_estimates(short, score, undrawn):
     parser = Balanced()
     parser.feed(page)
     assert parser.open == []
-    shown = re.findall(r'<td class="n true">([^<]*)</td>', page)
+    shown = re.findall(
+        r'class="(?:n )?true">(?:<span class="label">[^<]*</span>)?([^<]*)</(?:td|span)>', page
+    )
+    shown.remove("ground truth")  # the key
     factor = inertia_unit(short.result.inertia.value).factor
     com, phi = (
         [
@@ -168,7 +172,7 @@ def test_ground_truth_is_shown_with_the_estimates(short, score, undrawn):
     assert len(shown) == 3 + 2 * 4 + 3 + 2 * 4
     assert sorted(shown) == sorted([*com, *phi, *edge, *masses, *edge, *about_c])
     for wrong in score["phi_error_rad"]:
-        assert f">{signed(np.degrees(wrong), 3)}</td>" in page
+        assert f"</span> ({signed(np.degrees(wrong), 3)})</td>" in page
 
 
 def test_page_without_ground_truth_has_no_truth_column(html):
