@@ -6,7 +6,7 @@ unlike phi, or over opposite edges, therefore determine the radius, without any 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,9 @@ from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.joint import JointSolution, solve_joint
 from analyze.estimation.joint_model import JointModel, centre_line_shift, radius_sds
 from analyze.estimation.priors import ComPrior, SystematicErrors
-from analyze.geometry.edge_radius import ASSUMED
+from analyze.estimation.radius_odds import probability_wrong
+from analyze.geometry.edge_radius import ASSUMED, FACE_OVER_OWN
+from analyze.least_squares.intervals import normal_sd
 from analyze.types import Array, EquiPlane, RadiusPrior, RadiusSource
 
 REFUTED_SDS = 3.0
@@ -28,6 +30,8 @@ which the statement is refuted; above `REFUTED_SDS`, as an object has several of
 CHECKED_FRACTION = 0.75
 """Uncertainty of the edges' mean radius by strikes and the prior of radii that are not given, over that by
 the prior alone, up to which the strikes count as a check of what is stated."""
+MIN_RADIUS_SD = 1e-6
+"""Smallest sd of a radius [m] that is told from 0."""
 STATED = (RadiusSource.STATED, RadiusSource.EDGE)
 """Origins of a radius that the user stated."""
 
@@ -64,6 +68,8 @@ class RadiusCheck:
     """Pivot axes that are refuted; all that are stated if the mean of all is, otherwise single ones."""
     excess: float = 1.0
     """Factor on the sd of the statement by which it agrees with the strikes' own radius to 1 sigma."""
+    probability_wrong: float = 0.0
+    """Probability that the statement is wrong and says nothing about any edge."""
 
     @property
     def refuted(self) -> bool:
@@ -135,28 +141,42 @@ def with_radius_not_given(
     )
 
 
-def _with_excess(planes: Sequence[EquiPlane], check: RadiusCheck) -> tuple[EquiPlane, ...]:
-    """Strikes' planes in which the sd of each stated edge radius is multiplied by `check.excess`.
+def _with_doubt(
+    planes: Sequence[EquiPlane], excess: float, wrong: float, sources: Collection[RadiusSource] = STATED
+) -> tuple[EquiPlane, ...]:
+    """Strikes' planes in which stated edge radii have a larger sd, as the strikes make them unlikely.
 
-    So a stated radius that the strikes make unlikely becomes as uncertain as its difference from theirs: the
-    sd grows until the difference is 1 sigma, as in averages of measurements that disagree (Birge 1932). It
-    does not grow beyond the sd of a radius that is not given.
+    The sd grows by the factor `excess`, with which the mean radius by the strikes differs from the stated one
+    by 1 sigma, as in averages of measurements that disagree (Birge 1932); not beyond the sd of a radius that
+    is not given. It is at least that of a normal error with the 95 % interval of one that has the stated sd
+    or, with probability `wrong`, that of a radius not given: edges of one face may differ from the statement
+    although the mean agrees with it.
+
+    Args:
+        planes: Equi-planes of the strikes, in the object frame O.
+        excess: Factor on the sd, at least 1.
+        wrong: Probability that the statement is wrong.
+        sources: Origins of the radii whose sd grows.
     """
+    odds = np.array([1 - wrong, wrong])
+
+    def larger(sd: float, added: float, limit: float) -> float:
+        mixed = normal_sd(np.array([max(sd, MIN_RADIUS_SD), limit]), odds) if limit > sd else sd
+        return max(sd, min(float(np.hypot(sd, added)), limit), mixed)
 
     def grown(prior: RadiusPrior) -> RadiusPrior:
         # A statement that is off does not say either that the edges are alike.
-        added = np.sqrt(check.excess**2 - 1) * prior.sd
-        own_sd, face_sd = np.hypot(prior.own_sd, added), np.hypot(prior.face_sd, added)
+        more = np.sqrt(excess**2 - 1)
         return replace(
             prior,
-            common_sd=max(prior.common_sd, min(check.excess * prior.common_sd, ASSUMED.common_sd)),
-            own_sd=max(prior.own_sd, min(float(own_sd), ASSUMED.own_sd)),
-            face_sd=max(prior.face_sd, min(float(face_sd), ASSUMED.face_sd)),
+            common_sd=larger(prior.common_sd, more * prior.common_sd, ASSUMED.common_sd),
+            own_sd=larger(prior.own_sd, more * prior.sd, ASSUMED.own_sd),
+            face_sd=larger(prior.face_sd, FACE_OVER_OWN * more * prior.sd, ASSUMED.face_sd),
         )
 
     return tuple(
         replace(plane, radius_prior=grown(plane.radius_prior))
-        if _is_stated(plane) and plane.radius_prior is not None
+        if plane.rounded and plane.radius_prior is not None and plane.radius_prior.source in sources
         else plane
         for plane in planes
     )
@@ -170,9 +190,11 @@ def without_refuted_radii(
 ) -> tuple[tuple[EquiPlane, ...], RadiusCheck | None]:
     """Strikes' planes in which a stated edge radius that the strikes contradict counts as not given.
 
-    A stated radius that is not refuted, but off by more than 1 sigma, is kept with a larger sd. A centre of
-    mass that moved between two recordings can look like a wrong radius: all stated radii are kept if a centre
-    of mass of its own for each recording explains the strikes better than other radii do (Akaike 1974).
+    A stated radius that is not refuted, but off by more than 1 sigma, is kept with a larger sd. If one radius
+    is stated for all edges and refuted for some, the others keep it with the sd of one that is not given. A
+    centre of mass that moved between two recordings can look like a wrong radius: all stated radii are kept
+    if a centre of mass of its own for each recording explains the strikes better than other radii do (Akaike
+    1974).
 
     Args:
         planes: Equi-planes (through pivot line and centre of mass) of the strikes, with the stated radii.
@@ -188,7 +210,7 @@ def without_refuted_radii(
     if check is None:
         return tuple(planes), None
     if not check.refuted:
-        return _with_excess(planes, check), check
+        return _with_doubt(planes, check.excess, check.probability_wrong), check
     others = len(set(recorded_in)) - 1
     if others:
         com = centre_of_mass(planes, systematic, prior)
@@ -196,7 +218,9 @@ def without_refuted_radii(
         by_moving = moved.chi_squared - 2 * len(com.position) * others
         if not moved.holds and by_moving > check.difference_sds**2 - 2:
             return tuple(planes), replace(check, axis_ids=())
-    return with_radius_not_given(planes, check.axis_ids), check
+    # One radius for all edges that is wrong for some says little about the others.
+    others_doubted = _with_doubt(planes, 1.0, 1.0, (RadiusSource.STATED,))
+    return with_radius_not_given(others_doubted, check.axis_ids), check
 
 
 def check_stated_radii(
@@ -268,7 +292,9 @@ def _compared(
     elif refuted.any():
         compared, difference = refuted, max(partial, key=abs)
     share = compared / compared.sum()
-    grown = _excess(together, information, variance, (stated_covariance, wide))
+    priors = stated_covariance, wide
+    grown = _excess(together, information, variance, priors)
+    wrong = probability_wrong(score, information, priors, ASSUMED.mean - believed)
     return RadiusCheck(
         float(share @ believed),
         float(np.sqrt(share @ stated_covariance @ share)),
@@ -277,6 +303,7 @@ def _compared(
         float(difference),
         tuple(name for name, each in zip(names, refuted, strict=True) if each),
         grown,
+        wrong,
     )
 
 

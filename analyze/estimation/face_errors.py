@@ -13,14 +13,15 @@ import numpy as np
 
 from analyze.estimation.joint import JointSolution, prior_start, solve_joint
 from analyze.estimation.priors import ComPrior, SystematicErrors
+from analyze.least_squares.intervals import normal_sd
 from analyze.types import Array, EquiPlane
 
-CANDIDATES = (1 / 6, 1 / 3, 2 / 3, 4 / 3, 2)
+CANDIDATES = np.geomspace(1 / 3, 1.75, 6)
 """Sizes of the faces' errors that are compared, over the assumed one.
 
-Each counts before the strikes in proportion to its size, about as if all sizes up to the largest were equally
-likely. If small ones counted as much as large ones, a box struck over nine edges whose faces are 0.3 mm off
-held its centre of mass in 83 % of sessions; so it is 92 %.
+Each counts before the strikes in proportion to its size: all sizes from the smallest, that of good drawings,
+to the largest are then equally likely. If small ones counted as much as large ones, a box struck over nine
+edges whose faces are 0.3 mm off held its centre of mass in 83 % of sessions; so it is 92 %.
 """
 
 
@@ -28,9 +29,10 @@ def estimated_face_sd(planes: Sequence[EquiPlane], systematic: SystematicErrors,
     """Standard deviation [m] of the places of a shape's faces, given the strikes' balance angles.
 
     Sizes around the assumed one are weighed by the marginal likelihood of the balance angles: the joint
-    problem is linearised at its solution, and all unknowns are integrated out. The result is the root of the
-    mean variance, so that sizes which the strikes leave possible count. Where the strikes say nothing, it is
-    1.5 times the assumed one.
+    problem is linearised at its solution, and all unknowns are integrated out. The result is the sd of a
+    normal error with the 95 % interval of one whose size is so uncertain: larger sizes that the strikes leave
+    possible count, since few strikes may agree by chance. Where the strikes say nothing, it is 1.4 times the
+    assumed one.
 
     Args:
         planes: Equi-planes (through pivot line and centre of mass) of the strikes, with the assumed error in
@@ -38,7 +40,7 @@ def estimated_face_sd(planes: Sequence[EquiPlane], systematic: SystematicErrors,
         systematic: Standard deviations of errors that strikes share; `face_sd` is the assumed one.
         prior: Prior of the centre of mass.
     """
-    sizes = systematic.face_sd * np.array(CANDIDATES)
+    sizes = systematic.face_sd * CANDIDATES
     # The widest of the errors explains most, so that its robust weights separate outliers from
     # misplaced faces.
     widest = solution = solve_joint(*with_face_sd(planes, systematic, sizes[-1]), prior)
@@ -47,7 +49,7 @@ def estimated_face_sd(planes: Sequence[EquiPlane], systematic: SystematicErrors,
         solution = solve_joint(*with_face_sd(planes, systematic, sizes[number]), prior, initial=solution)
         logs[number] = _log_likelihood(solution, prior, widest.weight)
     share = sizes * np.exp(logs - logs.max())
-    return float(np.sqrt(share @ sizes**2 / share.sum()))
+    return normal_sd(sizes, share / share.sum())
 
 
 def with_face_sd(

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analyze.estimation.scatter import factor_log_prior, normal_factor
+from analyze.estimation.scatter import factor_log_prior
+from analyze.least_squares.intervals import normal_sd
 from analyze.types import Array, RestTurn
 
 USUAL_SD = 2e-4
@@ -75,7 +76,7 @@ def rest_turns(seen: Sequence[Sequence[RestTurn]]) -> RestTurns | None:
             break
         unmeasured, density = best, tried[best]
     probability = np.exp(density - density.max())
-    sd = USUAL_SD * normal_factor(FACTORS, probability / probability.sum())
+    sd = USUAL_SD * normal_sd(FACTORS, probability / probability.sum())
     seen_turns = _errors(each, unmeasured) + sd**2 * (to_strike @ to_strike.T)
     gain = np.asarray(sd**2 * np.linalg.solve(seen_turns, to_strike), dtype=np.float64).T
     covariance = sd**2 * (np.eye(len(seen)) - gain @ to_strike)

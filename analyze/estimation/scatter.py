@@ -16,12 +16,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtr
 
 from analyze.estimation.joint_model import JointModel
 from analyze.estimation.priors import SystematicErrors
 from analyze.estimation.strike_data import strike_data, whitened
-from analyze.least_squares.intervals import SIGMAS_95
+from analyze.least_squares.intervals import SIGMAS_95, TAIL_95, normal_sd
 from analyze.types import Array
 
 PRIOR_FREEDOM = 2.0
@@ -37,10 +36,6 @@ TILT_FACTORS = np.geomspace(0.2, 10.0, 14)
 """Factors on the stated sd of the table's tilt at which its likelihood is evaluated."""
 TILT_SCALE = 0.83
 """Scale of the prior of that factor, whose median is then 1: a table is seldom as level as it is believed."""
-TAIL_95 = 0.025
-"""Probability below a 95 % interval."""
-QUANTILE_STEPS = 30
-"""Number of bisections for a quantile."""
 SIMILAR = 0.05
 """Relative difference of two factors up to which they count as the same."""
 
@@ -143,25 +138,10 @@ def estimated_factors(
     scatter = probability.sum(axis=0)
     low, high = np.interp([TAIL_95, 1 - TAIL_95], np.cumsum(scatter), SCATTER_FACTORS)
     return ErrorFactors(
-        normal_factor(SCATTER_FACTORS, scatter),
-        normal_factor(TILT_FACTORS, probability.sum(axis=1)),
+        normal_sd(SCATTER_FACTORS, scatter),
+        normal_sd(TILT_FACTORS, probability.sum(axis=1)),
         (float(low), float(high)),
     )
-
-
-def normal_factor(factors: Array, probability: Array) -> float:
-    """Factor with which a normal error has the 95 % interval of one whose factor is uncertain.
-
-    Args:
-        factors: (n,) possible factors on the error's stated sd, ascending.
-        probability: (n,) their probabilities.
-    """
-    low, high = float(factors[0]), float(factors[-1])
-    for _ in range(QUANTILE_STEPS):
-        middle = float(np.sqrt(low * high))
-        tail = float(probability @ ndtr(-SIGMAS_95 * middle / factors))
-        low, high = (low, middle) if tail < TAIL_95 else (middle, high)
-    return high
 
 
 def factor_log_prior(factors: Array, scale: float, freedom: float = PRIOR_FREEDOM) -> Array:

@@ -1,4 +1,4 @@
-"""Factor from a standard deviation to the half-width of a 95 % interval."""
+"""95 % intervals from standard deviations, also from those that are uncertain."""
 
 # scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
@@ -9,13 +9,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import stdtrit
+from scipy.special import ndtr, stdtrit
 
 if TYPE_CHECKING:
     from analyze.types import Array
 
 SIGMAS_95 = 1.96
 """Half-width of a normal variable's 95 % interval, in standard deviations."""
+TAIL_95 = 0.025
+"""Probability below a 95 % interval."""
+QUANTILE_STEPS = 30
+"""Number of bisections for a quantile."""
 
 
 def student_sigmas_95(freedom: Array) -> Array:
@@ -39,3 +43,18 @@ def pooled_freedom(variances: Array, freedoms: Array) -> Array:
     total = np.sum(variances, axis=0)
     spread = np.sum(variances**2 / freedoms, axis=0)
     return np.asarray(total**2 / np.maximum(spread, 1e-300), dtype=np.float64)
+
+
+def normal_sd(sds: Array, probability: Array) -> float:
+    """Sd of the normal error with the 95 % interval of an error whose sd is uncertain.
+
+    Args:
+        sds: (n,) possible standard deviations, ascending, in any unit.
+        probability: (n,) their probabilities.
+    """
+    low, high = float(sds[0]), float(sds[-1])
+    for _ in range(QUANTILE_STEPS):
+        middle = float(np.sqrt(low * high))
+        tail = float(probability @ ndtr(-SIGMAS_95 * middle / sds))
+        low, high = (low, middle) if tail < TAIL_95 else (middle, high)
+    return high

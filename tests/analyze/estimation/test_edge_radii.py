@@ -188,7 +188,7 @@ def test_right_statement_mostly_keeps_its_sd():
         planes, errors = session(seed, PLANNED + float(rng.normal(0, STATED_SD)), axes=NINE)
         checked, _ = without_refuted_radii(planes, [0] * len(planes), errors, PRIOR)
         sds += [checked[0].radius_prior.common_sd / STATED_SD]
-    assert np.median(sds) == pytest.approx(1.0)
+    assert np.median(sds) == pytest.approx(1.0, abs=0.01)
     assert np.mean(sds) < 1.3
 
 
@@ -237,6 +237,23 @@ def test_faces_whose_edges_differ_from_those_of_others_are_inside(prior, large):
     assert np.mean(np.abs(before[:, 2]) < 1.96) < 0.85
     assert np.mean(np.abs(after) < 1.96) >= 0.9
     assert np.abs(after).max() < 2 * 1.96
+
+
+def test_one_radius_stated_for_faces_that_differ_is_doubted_for_all_edges():
+    """0.3 ± 0.1 mm is stated, and holds at one end only: c_z was up to 3.0 half widths off, 2.1 sd rms."""
+    axes = (*UPRIGHT, (2, 1, 1, 1), (2, 1, 0, 1))
+    names = [planned_strike(BODY, *axis).axis_id for axis in axes]
+    stated = replace(STATED, mean=3e-4, face_sd=STATED.own_sd)
+    found = []
+    for seed in range(16):
+        below, above = (2e-3, 3e-4) if seed % 2 else (3e-4, 2e-3)
+        radii = {name: below if name.startswith("z-") else above for name in names}
+        planes, errors = session(seed, radii, axes=axes)
+        checked, _ = without_refuted_radii(expecting(planes, stated), [0] * len(planes), errors, PRIOR)
+        found.append((checked, errors))
+    z = deviations(found)
+    assert np.mean(np.abs(z) < 1.96) >= 0.9
+    assert np.abs(z).max() < 1.5 * 1.96
 
 
 def test_k_that_errs_with_the_radius_is_corrected_by_it():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
@@ -14,10 +16,12 @@ from tests.analyze.estimation.test_edge_radii import BODY, NINE, PLANNED, PRIOR,
 SESSIONS = 10
 
 
-def deviations(face_sd: float, axes: tuple, *, stated_as_exact: bool) -> tuple[np.ndarray, np.ndarray]:
+def deviations(
+    face_sd: float, axes: tuple, *, stated_as_exact: bool, seeds: Sequence[int] = range(SESSIONS)
+) -> tuple[np.ndarray, np.ndarray]:
     """Errors (sessions, 3) of the centre of mass over their stated sd, and the sds of faces used [m]."""
     found, sds = [], []
-    for seed in range(SESSIONS):
+    for seed in seeds:
         planes, errors = with_face_sd(*session(seed, PLANNED, face_sd, axes), 0.0)
         if not stated_as_exact:
             assumed = with_face_sd(planes, errors, ASSUMED_FILE_SD)
@@ -38,14 +42,21 @@ def test_centre_of_mass_is_inside_where_faces_are_off_and_nothing_is_stated(axes
 
 def test_strikes_over_many_edges_show_that_a_shape_is_exact():
     z, sds = deviations(0.0, NINE, stated_as_exact=False)
-    assert np.median(sds) < 0.5 * ASSUMED_FILE_SD
+    assert np.median(sds) < 0.65 * ASSUMED_FILE_SD
     assert np.all(np.abs(z) < 1.96)
+
+
+def test_strikes_that_agree_by_chance_leave_larger_errors_possible():
+    """In 60 sessions with faces 0.3 mm off, these two were more than 2 half widths off: 2.2 and 2.1."""
+    z, sds = deviations(3e-4, NINE, stated_as_exact=False, seeds=(24, 53))
+    assert np.all(sds < 0.7 * ASSUMED_FILE_SD)
+    assert np.abs(z).max() < 2 * 1.96
 
 
 def test_few_strikes_leave_the_assumed_error():
     planes, errors = with_face_sd(*session(0, PLANNED, 0.0, SIX_AXES[:2]), 0.0)
     assumed = with_face_sd(planes, errors, ASSUMED_FILE_SD)
-    assert estimated_face_sd(*assumed, PRIOR) == pytest.approx(1.5 * ASSUMED_FILE_SD, rel=0.1)
+    assert estimated_face_sd(*assumed, PRIOR) == pytest.approx(1.36 * ASSUMED_FILE_SD, rel=0.1)
 
 
 def test_error_of_faces_is_exchanged_in_edges_too():
