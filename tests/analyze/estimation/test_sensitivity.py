@@ -92,7 +92,7 @@ def test_contribution_agrees_with_an_estimate_without_the_error(estimate, source
     """A source's contribution is at most the gain without it: the strikes are then also weighted better."""
     evidence = estimate.evidence
     systematic = replace(systematic_errors(evidence), **without)
-    planes = equiplanes(evidence, evidence.motions)
+    planes = estimate.fitted_planes
     if source is ErrorSource.ROUNDING:
         planes = tuple(replace(plane, radius_prior=None) for plane in planes)
     less = solved(estimate, planes, systematic)

@@ -18,9 +18,7 @@ def rest_turns(crumb, mark=None, stated=None, **how):
     tip = simulate(1.05)
     tip = replace(tip, theta=tip.theta + crumb)
     track = track_of(tip, np.random.default_rng(7), mark=mark, **how)
-    task = StrikeTask(
-        "s1.1", planned(), int(tip.contact * 1e9) + ANCHOR, int(tip.time[-1] * 1e9) + ANCHOR
-    )
+    task = StrikeTask("s1.1", planned(), int(tip.contact * 1e9) + ANCHOR, int(tip.time[-1] * 1e9) + ANCHOR)
     return analyse_strike([track], [stated or mark or marker()], camera(), task).rest_turns
 
 
