@@ -29,7 +29,7 @@ def force_margin(strike: PlannedStrike) -> str:
     """Sentence: how exactly the force must be met, and what shows that it was right."""
     ratio = strike.impulse_n_s.max / max(strike.impulse_n_s.min, 1e-9)
     many = f"up to {ratio:.1f} times that force works" if ratio > 1.15 else "little more is too much"
-    return f"right if it slows down, then falls; rocks back: a little harder; {many}"
+    return f"right if it slows down, then falls; if it rocks back, a little harder; {many}"
 
 
 def in_hand_words(text: str) -> str:

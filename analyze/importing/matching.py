@@ -44,6 +44,8 @@ class TipInView:
     """name of the clip's file, with the time in it if it shows several strikes"""
     view: TipView | None
     """pose at rest and turning line; None if no tag of known pose on the object is seen"""
+    why_no_tip: str = ""
+    """part of a sentence: why no tip was found in the clip; "" if one was"""
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,8 @@ class Match:
     """the placement; None if it is not determined"""
     misfit: str = ""
     """sentence: the object tips as in no strike of the plan; "" if it does, or nothing is known"""
+    unknown: str = ""
+    """part of a sentence: why the placement is not determined; "" if it is, or if there is a misfit"""
 
 
 def match_strikes(
@@ -130,8 +134,10 @@ def match_strikes(
             left = [each for each in found if _rises(each, tip.view, up)]
         if not found and tip.view is not None and tip.view.line is not None:
             matches.append(Match(None, _no_such_strike(tip.name, tip.view, tip.view.line, placements, spec)))
+        elif len(left) == 1:
+            matches.append(Match(left[0]))
         else:
-            matches.append(Match(left[0] if len(left) == 1 else None))
+            matches.append(Match(None, unknown=_why_unknown(tip, left or found)))
     return matches
 
 
@@ -184,6 +190,22 @@ def refuse_contradiction(
         )
 
 
+def refuse_undetermined(tips: Sequence[TipInView], matches: Sequence[Match]) -> None:
+    """Check that the images show the placement of every tip, if they show that of any.
+
+    Raises:
+        ImportRefused: the placements of some tips are recognised, and that of another one is not.
+    """
+    if all(match.placement is None for match in matches):
+        return
+    for tip, match in zip(tips, matches, strict=True):
+        if match.unknown:
+            raise ImportRefused(
+                f"{tip.name}: which strike it shows is unknown: {match.unknown}; the others are recognised: "
+                f"name it with --strike ID, or leave it out (--strike {SKIPPED})"
+            )
+
+
 def placements_of(plan: StrikePlan) -> list[Placement]:
     """Placements of a plan, each with its strikes, in the plan's order."""
     groups: dict[tuple[object, ...], list[PlannedStrike]] = {}
@@ -200,6 +222,22 @@ def _ranked(tip: TipInView, placements: Sequence[Placement]) -> list[Placement]:
     rated = sorted((each.mismatch(tip.view), number) for number, each in enumerate(placements))
     best = rated[0][0]
     return [placements[number] for rating, number in rated if rating <= min(1.0, best + MIN_LEAD)]
+
+
+def _why_unknown(tip: TipInView, found: Sequence[Placement]) -> str:
+    """Part of a sentence: why the placement that a tip shows is not determined.
+
+    Args:
+        tip: the tip.
+        found: placements that explain it equally well; none if nothing is known of its turning line.
+    """
+    if tip.why_no_tip:
+        return tip.why_no_tip
+    if tip.view is None:
+        return "no tag with T_object_marker in the object file is seen at rest"
+    if not found:
+        return "its tag is seen in too little of the tip"
+    return f"it may be {' or '.join(each.names for each in found)}, which look alike"
 
 
 def _common_up(tips: Sequence[TipInView], choices: Sequence[Sequence[Placement]]) -> Array | None:

@@ -123,6 +123,8 @@ class OnsetFinder:
         """True if any of the markers was seen"""
         self.ever_rested = False
         """True if any of the markers was at rest"""
+        self.turned_back = False
+        """True if a marker at rest turned the other way than in strikes"""
 
     def add(self, frame: TimedImage) -> Onset | None:
         """Examine the clip's next image.
@@ -183,11 +185,12 @@ class OnsetFinder:
         for name in rest.corners.keys() & found.keys():
             turn, shift, pivot_distance = _motion(rest.corners[name], found[name])
             if abs(turn) > TIPPING_ANGLE:
-                is_strike = pivot_distance < MAX_PIVOT_DISTANCE and not (
+                is_tip = pivot_distance < MAX_PIVOT_DISTANCE and not (
                     self._moved_ns - rest.quiet_ns > self._wait(MAX_UNSEEN_NS)
                     or (abs(turn) > CUT_ANGLE and frame.time_ns == self._moved_ns)
-                    or (turn > 0) not in self._directions
                 )
+                is_strike = is_tip and (turn > 0) in self._directions
+                self.turned_back = self.turned_back or (is_tip and not is_strike)
                 self._forget(frame.time_ns + (self._wait(PAUSE_AFTER_STRIKE_NS) if is_strike else 0))
                 markers = tuple(sorted(rest.corners, key=str))
                 return Onset(rest.since_ns, rest.quiet_ns, self._moved_ns, markers) if is_strike else None

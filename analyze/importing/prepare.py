@@ -16,7 +16,13 @@ import numpy as np
 from analyze.cameras.camera_file import CameraFile, camera_of, read_camera
 from analyze.errors import ImportRefused
 from analyze.importing.camera_pose import EstimatedCameraPose, camera_pose_from_strike, mean_camera_pose
-from analyze.importing.matching import TipInView, match_strikes, matched_ids, refuse_contradiction
+from analyze.importing.matching import (
+    TipInView,
+    match_strikes,
+    matched_ids,
+    refuse_contradiction,
+    refuse_undetermined,
+)
 from analyze.importing.onsets import Onset, OnsetFinder
 from analyze.importing.options import ImportOptions
 from analyze.importing.prepared_import import Assignment, PreparedImport, storable_videos
@@ -239,7 +245,8 @@ def _search(
         )
     if isinstance(source, VideoSource):
         source.check_constant_rate(np.array(times, np.int64))
-    return Clip(path, tuple(onsets), times[-1] if times else None, frame_ns, finder.ever_rested)
+    last_ns = times[-1] if times else None
+    return Clip(path, tuple(onsets), last_ns, frame_ns, finder.ever_rested, finder.turned_back)
 
 
 def _assigned_ids(
@@ -259,7 +266,10 @@ def _assigned_ids(
             strike is not determined.
     """
     planned = [strike.id for strike in plan.strikes]
-    seen = [TipInView(tip.name, view) for tip, view in zip(tips, views, strict=True)]
+    seen = [
+        TipInView(tip.name, view, clips[tip.clip].why_no_strike if tip.onset is None else "")
+        for tip, view in zip(tips, views, strict=True)
+    ]
     up = np.array(camera.calibration.T_world_camera)[2, :3] if camera.placed else None
     matches = match_strikes(seen, plan, files.spec, up)
     ids = stated_ids(clips, tips, planned, options.strikes)
@@ -275,8 +285,12 @@ def _assigned_ids(
     ids = matched_ids(matches)
     if ids is not None:
         return ids, Assignment.IMAGES
-    ids = ids_in_order(clips, tips, planned, split)
-    refuse_contradiction(seen, ids, matches, plan, files.spec, "the plan's order")
+    try:
+        ids = ids_in_order(clips, tips, planned, split)
+        refuse_contradiction(seen, ids, matches, plan, files.spec, "the plan's order")
+    except ImportRefused:
+        refuse_undetermined(seen, matches)
+        raise
     return ids, Assignment.ORDER
 
 

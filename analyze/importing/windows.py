@@ -35,6 +35,8 @@ class Clip:
     """interval between two images by the source's times [ns]; 0 if the source was not searched"""
     rested: bool = False
     """True if a marker was at rest in view at any time"""
+    turned_back: bool = False
+    """True if a marker at rest turned the other way than in the plan's strikes"""
 
     @property
     def why_no_strike(self) -> str:
@@ -43,6 +45,11 @@ class Clip:
             return (
                 "its tag is seen, but is never at rest: put the camera on a stand and take your hand off the "
                 "object"
+            )
+        if self.turned_back:
+            return (
+                "its tag turns the other way round than in the plan's strikes: put the object down as its "
+                "card shows, and film it from the same end of the edge"
             )
         return (
             "no tag is at rest in view and then tips: record the whole tag, sharp, from a second before the "

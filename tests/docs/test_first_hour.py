@@ -14,22 +14,24 @@ import re
 import shutil
 import subprocess
 import tempfile
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests import make_phone_videos as renderer
 from tests.docs.pages import DOCS, snippets
-from tests.docs.phone_videos import write_videos
+from tests.docs.phone_videos import TEABOX, write_boards, write_strikes
 from tests.places import ROOT
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1200)]
 
 FRONT = ("README.md", "docs/index.md", "docs/tutorial/virtual-rig.md")
 """pages that are read one after the other, in one shell"""
-PHONE = "docs/tutorial/phone.md"
-HOW_TO = sorted(page.relative_to(ROOT).as_posix() for page in (DOCS / "how-to").glob("*.md"))
+PHONE, ANYWHERE = "docs/tutorial/phone.md", "docs/how-to/register-tags.md"
+HOW_TO = sorted({page.relative_to(ROOT).as_posix() for page in (DOCS / "how-to").glob("*.md")} - {ANYWHERE})
 NEEDS_A_RIG, NEEDS_A_CLUSTER = "needs a camera and a striker", "needs other computers"
 SEVERAL_TERMINALS = "needs several terminals: tests/system/test_rehearsal.py"
 NEEDS_OTHER_FILES = "needs videos or images that no test renders"
@@ -42,7 +44,7 @@ NOT_RUN = {
     ("docs/how-to/virtual-rig.md", "analyze (plan|report) .*"): SEVERAL_TERMINALS,
     ("docs/how-to/plan.md", "acquire session .*"): NEEDS_A_RIG,
     ("docs/how-to/plan.md", "analyze estimate teabox.mcap more.mcap"): NEEDS_A_RIG,
-    ("docs/how-to/register-tags.md", "(acquire|analyze) .*"): NEEDS_A_RIG,
+    (ANYWHERE, "acquire .*|analyze .*(--rig|first.mcap) .*"): NEEDS_A_RIG,
     ("docs/how-to/archive.md", "analyze batch 's3://.*"): "needs a bucket",
     ("docs/how-to/calibrate-camera.md", "analyze calibrate images/.*"): NEEDS_OTHER_FILES,
     ("docs/how-to/frame-rate.md", "analyze .*"): NEEDS_OTHER_FILES,
@@ -160,15 +162,19 @@ def project() -> Iterator[Path]:
 
 @pytest.fixture(scope="module")
 def phone(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Project in which the phone tutorial was followed; its videos appear as soon as there is a plan."""
+    """Project in which the phone tutorial was followed."""
     folder = copy_project(tmp_path_factory.mktemp("hour") / "phone")
-    lines = lines_of(PHONE)
-    filmed = next(number for number, line in enumerate(lines) if line.startswith("analyze calibrate"))
-    run(lines[:filmed], folder)
-    body = write_videos(folder)
-    run(lines[filmed:], folder)
-    (folder / "truth.json").write_text(json.dumps(body.com.tolist()), encoding="utf-8")
+    run_filmed(lines_of(PHONE), folder)
     return folder
+
+
+def run_filmed(lines: list[str], folder: Path) -> None:
+    """Run lines of a page; the strikes' videos appear before they are imported, as there is a plan then."""
+    write_boards(folder)
+    filmed = next(number for number, line in enumerate(lines) if line.startswith("analyze import s*.mp4"))
+    run(lines[:filmed], folder)
+    write_strikes(folder)
+    run(lines[filmed:], folder)
 
 
 def give_phone_files(folder: Path, phone: Path) -> None:
@@ -213,10 +219,29 @@ def test_the_front_pages_run_as_printed_and_end_with_an_answer(project: Path, ph
 
 
 def test_the_phone_tutorial_runs_as_printed_and_its_answer_holds_the_truth(phone: Path) -> None:
-    printed = run(["analyze estimate teabox.mcap --json"], phone)
+    assert_answer(run(["analyze estimate teabox.mcap --json"], phone))
+
+
+def assert_answer(printed: str) -> None:
+    """Check the centre of mass of a result (JSON) against that of the rendered box."""
     answer = json.loads(printed)["centre_of_mass"]
-    off = np.array(answer["value"]) - json.loads((phone / "truth.json").read_text(encoding="utf-8"))
-    assert np.abs(off).max() < 3e-4
+    assert np.abs(np.array(answer["value"]) - renderer.COM).max() < 3e-4
+
+
+def test_tags_glued_on_anywhere_are_found_with_a_phone(project: Path) -> None:
+    text = TEABOX.read_text(encoding="utf-8")
+    (project / "teabox.toml").write_text(re.sub("(?m)^T_object_marker.*\n", "", text), encoding="utf-8")
+    run_filmed(lines_of(ANYWHERE), project)
+    assert_answer(run(["analyze estimate teabox.mcap --object teabox-tags.toml --json"], project))
+    true = {each["id"]: each["T_object_marker"] for each in tomllib.loads(text)["marker"]}
+    found = tomllib.loads((project / "teabox-tags.toml").read_text(encoding="utf-8"))["marker"]
+    off = [
+        np.array(each["T_object_marker"])[:3, 3] - np.array(true[each["id"]])[:3, 3]
+        for each in found
+        if "T_object_marker" in each
+    ]
+    assert len(off) >= 3
+    assert np.abs(off).max() < 2e-3
 
 
 @pytest.mark.parametrize("page", HOW_TO)

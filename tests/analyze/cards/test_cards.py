@@ -245,8 +245,8 @@ def test_cards_for_a_hand_and_a_phone_have_no_speeds_and_no_striker():
     assert card.set_striker.startswith(
         f"Flick it {1000 * plan.strikes[0].impact_height_m:.0f} mm above the table"
     )
-    distance = -100 * plan.strikes[0].camera_pose[1][3]
-    assert f"{distance:.0f} <small>cm from the mark" in html
+    distance = -1000 * plan.strikes[0].camera_pose[1][3]
+    assert f'{distance:.0f} <small>mm</small></div>\n<div class="note">from the mark to the lens' in html
 
 
 @pytest.mark.parametrize(

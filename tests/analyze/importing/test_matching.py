@@ -25,7 +25,7 @@ from schemas.object_spec import parse_object_spec
 from schemas.strike_plan import StrikePlan, parse_strike_plan
 from tests.analyze.estimation.bodies import box_body, planned_strike
 from tests.analyze.importing.tip_videos import setting, tip, write_video
-from tests.analyze.importing.tipped_boxes import images, strikes, write_videos
+from tests.analyze.importing.tipped_boxes import angles, images, picture, strikes, write_videos
 
 RATE = 120
 SHUFFLED = (2, 0, 3, 1)
@@ -68,6 +68,24 @@ def test_name_that_contradicts_the_images_is_refused_with_both_sides(filmed, tmp
     assert said.startswith("s1.mp4: by its name it is s1 (the −z side underneath, tag 3 to the camera, tips ")
     assert "but the images show s2 (the +x side underneath" in said
     assert "\n" not in said
+
+
+def test_video_without_a_strike_is_named_among_recognised_ones(filmed, tmp_path):
+    paths, files = filmed
+    still = write_video(tmp_path / "still.mp4", [picture(strikes()[0], 0.0)] * 60)
+    with pytest.raises(ImportRefused) as caught:
+        prepare(options_for([paths[2], still, paths[0]], files))
+    assert str(caught.value).startswith(
+        "still.mp4: which strike it shows is unknown: no tag is at rest in view and then tips"
+    )
+
+
+def test_object_placed_the_wrong_way_round_is_refused_with_the_reason(filmed, tmp_path):
+    paths, files = filmed
+    strike = strikes()[0]
+    turned = write_video(tmp_path / "turned.mp4", [picture(strike, -theta) for theta in angles(strike, RATE)])
+    with pytest.raises(ImportRefused, match=r"turned.mp4: .* its tag turns the other way round than in the"):
+        prepare(options_for([paths[2], turned, paths[0]], files))
 
 
 def test_strike_that_is_not_planned_is_refused_with_the_nearest(filmed, tmp_path):
