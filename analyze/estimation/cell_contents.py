@@ -1,4 +1,4 @@
-"""Volume, first and second moments of the cells of a body: merged to clumps, and cut by planes."""
+"""Volume, first and second moments of a body's cells: merged to clumps, and cut by planes and balls."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ rounding errors are smaller."""
 class CutPieces:
     """The body's interior in n pieces with volume and moments, prepared to be cut by many surfaces.
 
-    Numbers are float32, so that moments have a relative error of 1e-6.
+    Surfaces are planes and balls (dividing_surfaces.py). Numbers are float32, so that moments have a relative
+    error of 1e-6.
     """
 
     places: NDArray[np.float32]
@@ -34,8 +35,8 @@ class CutPieces:
     def from_cells(cls, points: Array, contents: Array, pitch: float) -> CutPieces:
         """Pieces of the interior at `points` (n, 3) [m], from the body's middle, rounded to float32.
 
-        `contents` (n, 10) are their volume and moments, as in the field of this name; `pitch` is a piece's
-        edge [m].
+        `contents` (n, 10) are their volume [m^3] (1), first (3) [m^4] and second moments (6: xx, yy, zz, xy,
+        xz, yz) [m^5] about the measured centre of mass, at unit density; `pitch` is a piece's edge [m].
         """
         places = points.T / pitch
         return cls(
@@ -45,9 +46,11 @@ class CutPieces:
         )
 
     def shares(self, surfaces: Array) -> NDArray[np.float32]:
-        """Fraction (b, n) of each of the n pieces above each of the surfaces (b, 5).
+        """Fraction (b, n), 0 to 1, of each of n pieces of the interior above each of b planes or balls.
 
-        It is continuous in the surface: a piece that it cuts counts in part.
+        A row of `surfaces` (b, 5) holds u (3), h [m] and k [1/m]; above are the points x, in m from the
+        body's middle, with u.x - h - k |x|^2 / 2 > 0: the side of a plane's normal u, or the inside of a
+        ball. A piece that the surface cuts counts in part.
         """
         share = np.column_stack(
             [surfaces[:, :3], 0.5 - surfaces[:, 3] / self.pitch, -0.5 * self.pitch * surfaces[:, 4]]
@@ -57,17 +60,23 @@ class CutPieces:
         return share
 
     def above(self, surfaces: Array) -> Array:
-        """Volume, first and second moments (b, 10) of the interior above each of the surfaces (b, 5).
+        """Volume, first and second moments (b, 10) of the interior above each of b planes or balls.
 
-        Columns: volume [m^3], first moments (3) [m^4], second moments (6) [m^5] in the order xx, yy, zz, xy,
-        xz, yz, about the measured centre of mass along the axes of the object frame O, at unit density.
+        A row of `surfaces` (b, 5) holds u (3), h [m] and k [1/m]; above are the points x, in m from the
+        body's middle, with u.x - h - k |x|^2 / 2 > 0: the side of a plane's normal u, or the inside of a
+        ball. Columns of the result: volume [m^3], first moments (3) [m^4], second moments (6) [m^5] in the
+        order xx, yy, zz, xy, xz, yz, about the measured centre of mass along the axes of the object frame O,
+        at unit density.
         """
         return np.asarray(self.shares(surfaces) @ self.contents, dtype=np.float64)
 
     def beyond_plane(self, surfaces: Array, plane: Array) -> Array:
-        """Fractions (b, 2) of the volumes above and below each surface (b, 5) that are above a `plane` (5,).
+        """Fractions (b, 2) of the parts above and below each of b surfaces that lie above one plane.
 
-        A part without volume has the fraction 0.
+        They are fractions of the volume of the interior's parts; a part without volume has the fraction 0.
+        The rows of `surfaces` (b, 5), and `plane` (5,), hold u (3), h [m] and k [1/m]; above are the points
+        x, in m from the body's middle, with u.x - h - k |x|^2 / 2 > 0: the side of a plane's normal u, or the
+        inside of a ball.
         """
         volumes = self.contents[:, 0].astype(np.float64)
         beyond = volumes * self.shares(plane[None])[0]

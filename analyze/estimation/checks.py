@@ -162,8 +162,9 @@ def checked_left_out(
     A strike that fails the prediction by the model linearised about the solution is judged again by a
     likelihood ratio (refit.py), with the sd of the shape's prior of the moments `FILLING_FACTOR` times
     larger, as a lump inside the object needs. If it fails that too, the prediction returned is that of the
-    problem solved without it. If it passes there, or if the others leave its balance angle phi open (sd above
-    `MAX_PREDICTED_PHI_SD`), its prediction is marked as not checkable.
+    problem solved without it; if it passes there, its prediction is marked as not checkable. So is that of a
+    strike that passes at once, if the others leave its balance angle phi open (sd above
+    `MAX_PREDICTED_PHI_SD`).
 
     Args:
         solution: Joint solution of all strikes.

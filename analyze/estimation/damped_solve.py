@@ -1,4 +1,4 @@
-"""Most likely unknowns of the joint problem at fixed weights of the strikes, by damped Gauss-Newton steps.
+"""Most likely unknowns of the joint problem at fixed strike weights, by damped Gauss-Newton steps.
 
 The steps are those of Marquardt (1963). They need no good start, unlike the undamped ones of joint.py, which
 in turn find the weights.
@@ -59,7 +59,7 @@ class WeightedProblem:
         self._weight = weight
 
     def expansion(self, x: Array) -> Expansion:
-        """Misfit at the unknowns `x` (count,), with its gradient and Gauss-Newton matrix."""
+        """Misfit at the unknowns `x` (count,), with half its gradient, and the Gauss-Newton matrix."""
         z, rows = whitened(self._model, self._data, x)
         shape = self._moment_prior(x[COM])
         off, by = shape_rows(shape, x)

@@ -353,7 +353,8 @@ def _is_stated(plane: EquiPlane) -> bool:
 def _with_assumed(plane: EquiPlane) -> EquiPlane:
     """Copy of a strike's plane with the edge radius and prior assumed where none is given (`ASSUMED`).
 
-    The point on the plane's line moves with the centre line of the rounding.
+    The point on the plane's line moves with the centre line of the rounding. The balance angle phi and the
+    rate constant k change with the radius by their derivatives, `plane.by_radius`.
     """
     more = ASSUMED.mean - plane.edge_radius
     by_phi, by_k = plane.by_radius

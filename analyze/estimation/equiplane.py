@@ -28,7 +28,8 @@ def equiplane(strike_id: str, planned: PlannedStrike, motion: TipMotion) -> Equi
     Returns:
         The plane, through the centre line of the pivot edge's rounding, with balance angle [rad], rate
         constant k of the tip [rad/s^2] and their standard deviations by the fit that the motion uses; k is
-        None if that fit has none.
+        None if that fit has none. If another edge took over from the planned one before balance, `face` is
+        empty and `facet_rad` the tipping angle [rad] from which it did.
 
     Raises:
         EstimationError: the motion has no fit, or the plan's pivot does not lie along the world's y at rest.

@@ -164,7 +164,8 @@ def measured_entries(inertia: Array, sd: Array, prior_sd: Array, ends: Array | N
         inertia: (3, 3) tensor [kg m^2].
         sd: (3, 3) standard deviations [kg m^2].
         prior_sd: (3, 3) those of the shape's prior [kg m^2].
-        ends: (6, 2) 95 % intervals of xx, yy, zz, xy, xz, yz [kg m^2]; None for 1.96 sd.
+        ends: (6, 2) 95 % intervals of xx, yy, zz, xy, xz, yz [kg m^2], of which half the length counts where
+            it exceeds 1.96 sd; None for 1.96 sd throughout.
     """
     half = SIGMAS_95 * sd
     if ends is not None:
@@ -174,7 +175,7 @@ def measured_entries(inertia: Array, sd: Array, prior_sd: Array, ends: Array | N
 
 
 def _with_mass(posterior: Posterior, moments: list[int], scale: Scale) -> Array:
-    """Covariance (4 + n, 4 + n) of the mass [kg], the centre of mass [m] and n moments of inertia [kg m^2].
+    """Covariance (4 + n, 4 + n) of mass [kg], centre of mass [m] and n moments of inertia [kg m^2].
 
     Moments are proportional to the mass, the centre of mass does not depend on it.
 

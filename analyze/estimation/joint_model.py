@@ -320,7 +320,9 @@ class JointModel:
 
 
 def radius_sds(plane: EquiPlane, systematic: SystematicErrors) -> tuple[float, float, float]:
-    """Standard deviations [m] of a rounded edge's radius: shared by all edges, by its resting face's, own.
+    """Standard deviations [m] of the three independent errors of a rounded edge's radius.
+
+    They are the error that all edges share, the one that all edges of its resting face share, and its own.
 
     Args:
         plane: plane of a strike over the edge, with the prior of its radius, if it has one of its own.

@@ -127,7 +127,7 @@ def merged_solid(solids: Sequence[MassProperties]) -> MassProperties:
 
 
 def _between(cells: Cells, label: PartLabel) -> Array:
-    """Fraction (n,) of each of n cells (small pieces of the body) between the two ends of a labelled layer.
+    """Fraction (n,) of each of n cells (small pieces of the body) between the ends of a labelled layer.
 
     The ends are in metres from the origin of the object frame O along the layer's direction; the fraction is
     0 for a label without ends.

@@ -1,6 +1,7 @@
-"""The paper's estimators (VISAPP 2013, 3.2.2, 3.3), for comparison; one file, to be read beside the paper.
+"""The paper's estimators (VISAPP 2013, 3.2.2, 3.3); one file, to be read beside the paper.
 
-They give the centre of mass, moments about edges, and masses of the shell and of two parts of the interior.
+They serve for comparison, and give the centre of mass, moments about edges, and masses of the shell and of
+two parts of the interior.
 """
 
 from __future__ import annotations

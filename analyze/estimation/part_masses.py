@@ -246,9 +246,9 @@ def _probability_by_chance(rows: Array, residual: Array, masses: Array, most: Ar
     their bounds; the probability is 1 if none is left.
 
     Args:
-        rows: (4 + a, n) whitened design matrix: change per kilogram of each part of the object's mass, first
-            moment (3) and a moments of inertia, scaled so that measurement errors are independent with unit
-            sd.
+        rows: (4 + a, n) whitened design matrix: what a kilogram of each part contributes to the object's
+            mass, to its first moment (3) and to its a moments of inertia, scaled so that measurement errors
+            are independent with unit sd.
         residual: (4 + a,) residuals at the best masses, scaled likewise.
         masses: (n,) best masses [kg].
         most: (n,) upper bounds of the masses [kg].
@@ -261,7 +261,7 @@ def _probability_by_chance(rows: Array, residual: Array, masses: Array, most: Ar
 
 
 def _whitened(moments: MeasuredMoments, parts: Sequence[MassProperties], about: Array) -> tuple[Array, Array]:
-    """Whitened design matrix (4 + a, n) and measurements (4 + a,) of the linear problem of n parts' masses.
+    """Whitened design matrix (4 + a, n) and measurements (4 + a,) of the problem of n parts' masses.
 
     The matrix times the masses [kg] is to equal the measurements. Its rows are the mass [kg], the first
     moment (3) about the measured centre of mass [kg m], and the moments of inertia about the a measured axes
@@ -302,7 +302,8 @@ def _with_shape_errors(
     """Measured moments with the covariance of their difference from those of the parts.
 
     A shape error moves parts and measured centre of mass together, so that the difference may err less than
-    either. The derivatives of the parts' moments are taken at the masses (n,) [kg], by finite differences.
+    either. The derivatives of the moments of the n uniform `parts` by the errors of the shape are taken at
+    `masses` (n,) [kg], by finite differences.
     """
     centre = masses @ np.array([part.centroid for part in parts]) / masses.sum()
     count = len(errors.mean)

@@ -51,7 +51,8 @@ class SurfaceChains:
 
         Each surface, a plane or a ball, divides the body's interior in two. A log posterior is the logarithm,
         up to a constant, of the surface's probability given the measurements; -1e300 for a plane with next to
-        nothing of the interior on one side, and for a ball that is mostly outside the interior.
+        nothing of the interior on one side, and for a ball that is mostly outside the interior or fills
+        nearly all of it.
         """
         return cls(
             solved, np.where(solved.both_sides_filled, solved.shares.log_mass - solved.chi_square / 2, -1e300)
@@ -66,7 +67,7 @@ class SurfaceChains:
 def surface_posterior(
     problem: RegionProblem, rng: np.random.Generator, kind: Kind
 ) -> tuple[SurfaceChains, float]:
-    """Draws of the surface that divides the interior in two, and the log evidence of the shell's thickness.
+    """Draws of the surface that divides the interior, and the log evidence of the shell's thickness.
 
     The surface is a plane between two uniform parts, or a ball: a lump or a void in a uniform remainder,
     which may be empty. Metropolis chains start at random surfaces, from which they are resampled as the
@@ -122,13 +123,22 @@ def surface_posterior(
 
 
 def _random_planes(problem: RegionProblem, rng: np.random.Generator) -> Array:
-    """Surfaces (`RANDOM_SURFACES`, 5): planes of any direction, at any height within the body's reach."""
+    """Random planes through the body, as `RANDOM_SURFACES` rows (b, 5), to start Metropolis chains from.
+
+    A row holds unit normal (3), height over the body's middle [m], and 0. Normals are uniform over all
+    directions, heights over a range around 0 as long as the body's longest extent.
+    """
     heights = rng.uniform(-0.5, 0.5, RANDOM_SURFACES) * problem.reach
     return planes(_unit(rng.standard_normal((RANDOM_SURFACES, 3))), heights)
 
 
 def _random_balls(problem: RegionProblem, rng: np.random.Generator) -> Array:
-    """Surfaces (b, 5): balls about any point of the interior, of any log radius in `RADII`."""
+    """Random balls, as `RANDOM_SURFACES` / 2 rows (b, 5), to start Metropolis chains from.
+
+    A row holds n (3), h [m] and k [1/m]: the ball's points x, in m from the body's middle, have n.x - h - k
+    |x|^2 / 2 > 0. Centres are uniform in the interior's volume. Radii are uniform in their logarithm, from
+    0.1 to 0.6 (`RADII`) of the cube root of that volume.
+    """
     low, high = np.log(problem.interior_size * np.array(RADII))
     radii = np.exp(rng.uniform(low, high, RANDOM_SURFACES // 2))
     return balls(problem.random_points(len(radii), rng), radii)
@@ -187,12 +197,13 @@ def _metropolis_step(
 def _proposals(surfaces: Array, problem: RegionProblem, rng: np.random.Generator) -> Array:
     """Proposed surfaces (b, 5) for b Metropolis chains: planes for planes, balls for balls.
 
-    Each is turned, shifted and scaled at random; a proposal and its reverse are equally likely. A share
-    `DIFFERENCE_MOVES` of them moves by the difference of two other chains. A ball whose radius would leave
-    the range `RADII` stays.
+    Planes are turned and shifted at random, balls shifted and scaled; a proposal and its reverse are equally
+    likely. A share `DIFFERENCE_MOVES` of them moves by the difference of two other chains. A ball whose
+    radius would leave the range `RADII` stays.
 
     Args:
-        surfaces: (b, 5) present positions of the chains, all planes or all balls.
+        surfaces: (b, 5) present positions of the chains, all planes or all balls: n (3), h [m] and k [1/m] of
+            the surface n.x - h - k |x|^2 / 2 = 0, with x in m from the body's middle.
         problem: Measured moments and the body, whose size scales the shifts.
         rng: Random generator.
     """

@@ -67,17 +67,26 @@ class Posterior:
 
     @property
     def distances(self) -> slice:
-        """Indices, among the quantities, of each strike's distance R of c from the pivot's centre line."""
+        """Slice of all quantities: distance R of the centre of mass from the pivot, per strike.
+
+        R is counted from the centre line of the pivot edge's rounding.
+        """
         return slice(FIRST_STRIKE_QUANTITY, FIRST_STRIKE_QUANTITY + self.strikes)
 
     @property
     def about_com(self) -> slice:
-        """Indices of each strike's moment per kilogram about the parallel to the pivot through c."""
+        """Slice of all quantities: moment of inertia per kilogram about the centre of mass, per strike.
+
+        It is that about the parallel to the strike's pivot line through the centre of mass.
+        """
         return slice(self.distances.stop, self.distances.stop + self.strikes)
 
     @property
     def about_edge(self) -> slice:
-        """Indices of each strike's moment per kilogram about the line of contact with the table."""
+        """Slice of all quantities: moment of inertia per kilogram about the edge, per strike.
+
+        It is that about the edge's line of contact with the table at balance.
+        """
         return slice(self.about_com.stop, self.about_com.stop + self.strikes)
 
     def interval(self, index: int, relative_sd: float = 0.0) -> tuple[float, float]:

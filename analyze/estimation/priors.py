@@ -67,7 +67,11 @@ class SystematicErrors:
         return [prior if reading is None else reading for prior, reading in zip(plain, read, strict=True)]
 
     def with_tilt_factor(self, factor: float) -> SystematicErrors:
-        """Copy with the sd of every levelling's lean multiplied by `factor`, readings of a level included."""
+        """Copy with the sd of the vertical's lean multiplied by `factor`, for every levelling of the table.
+
+        A levelling is a set-up of the table with one lean of the vertical from its normal. Leans that were
+        read off a level (the instrument) are included.
+        """
         return replace(
             self,
             gravity_tilt_sd=factor * self.gravity_tilt_sd,

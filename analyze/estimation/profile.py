@@ -158,8 +158,9 @@ def profiled_posterior(
 def open_directions(solution: JointSolution, prior: ComPrior) -> Array:
     """Up to two unit directions (n, 3) of c along which reported quantities are too far from linear in c.
 
-    They are orthonormal, in the object frame O, close to the two principal directions of the covariance of
-    the centre of mass c that bend most. n is 0 if all quantities are nearly linear (`MAX_CURVATURE`).
+    They are orthonormal, in the object frame O, close to those two principal directions of the covariance of
+    the centre of mass c along which the quantities are least linear. n is 0 if all quantities are nearly
+    linear (`MAX_CURVATURE`).
 
     Args:
         solution: Solution of all strikes, with their rate constants k.
@@ -220,7 +221,7 @@ def _line(
     The direction is row `moving` of `directions` (n, 3), in the object frame O; along another one, c stays
     where it is at `start`. The first step is a third of `sd` [m]. Steps grow where the log density is flat
     and shrink where it falls fast. On either side at most `most` steps are tried, until the log density has
-    fallen by `MAX_DROP` or c reaches the limits of the box that its prior is made from.
+    fallen by `MAX_DROP`. A step by which c would leave the box that its prior is made from is shortened.
     """
     held = directions @ start.x[COM]
     at, points = [float(held[moving])], [start]

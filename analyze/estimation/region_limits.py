@@ -55,9 +55,9 @@ class RegionBounds:
     ) -> RegionBounds:
         """Bounds for several possible thicknesses of the shell: those of `problems`, and of `walls`.
 
-        `problems` holds thickness [m] and problem of each; for `walls` the problems are made here. Walls that
-        leave nothing of the interior are not needed: a solid body is included wherever there is more than one
-        thickness.
+        `problems` holds pairs of thickness [m] and problem; `walls` holds the body's cells for further
+        thicknesses, whose problems are made here from `parameters`. Walls that leave nothing of the interior
+        are skipped: a solid body is included wherever there is more than one thickness.
         """
         hollow = [(wall.thickness, wall.cells) for wall in walls if wall.cells.interior.any()]
         every = [*problems, *((t, RegionProblem(parameters, cells)) for t, cells in hollow)]

@@ -36,7 +36,7 @@ THICKNESS_DRAWS = 4000
 def mass_distribution(
     parameters: InertialParameters, cells: Cells, rng: np.random.Generator, walls: Sequence[ShellCells] = ()
 ) -> MassDistribution:
-    """Masses of shell (R1), interior where n.x > offset (R2) and elsewhere (R3), for a body of uniform parts.
+    """Masses of shell (R1), interior where n.x > offset (R2) and elsewhere (R3), for uniform parts.
 
     The shell is the body's outer wall. The interior has two uniform parts, one of which may be empty: on
     either side of a plane, or inside and outside of a ball (a lump, a void). Metropolis chains draw this
@@ -76,8 +76,8 @@ def mass_distribution_over(
     """Masses of shell and interior on either side of a plane, averaged over an unknown shell thickness.
 
     The shell is the outer wall. The interior has two uniform parts, on either side of the plane or inside and
-    outside of a ball, as for `mass_distribution`. The weight of a thickness is its evidence: the probability
-    of the measured moments with this thickness.
+    outside of a ball (a lump, a void). The weight of a thickness is its evidence: the probability of the
+    measured moments with this thickness.
 
     Args:
         parameters: Mass, centre of mass and moments with their joint covariance.
@@ -118,7 +118,7 @@ def mass_distribution_over(
 def _shell_thickness(
     shells: Sequence[ShellCells], weight: Array | None, rng: np.random.Generator
 ) -> ShellThickness:
-    """Thickness [m] of the shell with 95 % interval, from the probabilities `weight` (n,) of n thicknesses.
+    """Thickness [m] of the shell with 95 % interval, from probabilities `weight` (n,) of n thicknesses.
 
     Without `weight` it is open: the interval is the range of all thicknesses. `shells` are in a geometric
     series; each stands for an equal range of the logarithm.
@@ -164,7 +164,10 @@ class _ShellPosterior:
 
 @dataclass(frozen=True)
 class _KindPosterior:
-    """Posteriors of bodies of one kind, as `Kind` lists them, for each of w shell thicknesses."""
+    """Posteriors of bodies of one kind, for each of w shell thicknesses.
+
+    A kind is how the interior is divided: by a plane, by a ball, or by a ball with nothing outside (`Kind`).
+    """
 
     posteriors: tuple[_ShellPosterior, ...]
     """(w,) posteriors of dividing surface and masses."""
@@ -186,7 +189,7 @@ class _KindPosterior:
 def _shell_posterior(
     parameters: InertialParameters, cells: Cells, rng: np.random.Generator, kind: Kind
 ) -> _ShellPosterior:
-    """Posterior of dividing surface and region masses for one shell thickness, as draws, with its evidence.
+    """Posterior of dividing surface and region masses for one shell thickness: draws, and evidence.
 
     The regions are the shell (outer wall), and the interior above and below the surface: a plane or, by
     `kind` of body, a ball. The draws of their mass shares are (n, 3), one per drawn surface. The evidence is
@@ -227,12 +230,13 @@ def _distribution(
     bounds: RegionBounds,
     rng: np.random.Generator,
 ) -> MassDistribution:
-    """Masses of shell, upper and lower interior over bodies of both kinds, and the dividing plane.
+    """Masses of shell, upper and lower interior over bodies of all kinds, and the dividing plane.
 
-    The dividing plane splits the interior; the upper part is the one on the side of its normal. Kinds that
-    have the measured moments count alike in the intervals: a body is only like one of them, so that a
-    somewhat better fit of one does not rule out the other. The masses themselves are those of parts beside a
-    plane, if these have the moments.
+    The dividing plane splits the interior; the upper part is the one on the side of its normal. A kind is how
+    a body's interior is divided: by a plane, by a ball, or by a ball with nothing outside. Kinds that have
+    the measured moments count alike in the intervals: a body is only like one of them, so that a somewhat
+    better fit of one does not rule out the other. The masses themselves are those of parts beside a plane, if
+    these have the moments.
 
     Args:
         kinds: Posteriors of the kinds of body, of which the first is divided by planes.
@@ -374,7 +378,7 @@ def _weighted_draws(
     Args:
         posterior: Posterior for one shell thickness.
         weight: Probability of that thickness, to which the number n of draws is proportional.
-        plane: (5,) reported plane, as in `dividing_surfaces`.
+        plane: (5,) reported plane: unit normal (3), height over the body's middle [m], 0.
         rng: Random generator that selects draws.
     """
     drawn, shares, mass = posterior.chains.solved.surfaces, posterior.shares, posterior.mass

@@ -1,6 +1,6 @@
 """Linear problem of the mass shares of shell and interior parts, given the measured moments.
 
-The interior is divided by a plane into an upper and a lower part.
+The interior is divided by a plane, or by a ball, into an upper and a lower part.
 """
 
 # scipy is only partly typed.
@@ -167,7 +167,9 @@ class RegionProblem:
         """Mass shares of shell, upper and lower part that fit the moments best, for b dividing surfaces.
 
         Args:
-            surfaces: (b, 5) planes and balls, as in `dividing_surfaces`, relative to the body's middle.
+            surfaces: (b, 5) planes and balls. A row holds n (3), h [m] and k [1/m]; the upper part are the
+                points x, in m from the body's middle, with n.x - h - k |x|^2 / 2 > 0: the side of a plane's
+                normal n, or the inside of a ball.
             coarsely: True to use clumps of `_COARSE_CLUMP` cells per edge instead of single cells.
             empty_below: True if the lower part has no mass.
 
@@ -266,7 +268,8 @@ class RegionProblem:
         """Mass shares (b, 3) of shell, interior above and below one plane, of bodies divided by surfaces.
 
         Args:
-            surfaces: (b, 5) planes and balls that divide the interior, as in `dividing_surfaces`.
+            surfaces: (b, 5) planes and balls that divide the interior. A row holds n (3), h [m] and k [1/m]:
+                the points x, in m from the body's middle, with n.x - h - k |x|^2 / 2 = 0.
             shares: (b, 3) mass shares of shell, upper and lower part of these, each part uniform.
             plane: (5,) the plane, in the same form.
         """

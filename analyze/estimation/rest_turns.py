@@ -55,7 +55,8 @@ def rest_turns(seen: Sequence[Sequence[RestTurn]]) -> RestTurns | None:
         seen: what each strike's markers show, one entry per strike; empty where none has a known place.
 
     Returns:
-        Expected turns and their covariance; None if no marker with a known place is seen.
+        Expected turns [rad] with their covariance, the sd of the turns, and the names of markers that were
+        moved on the object and are not used; None if no marker with a known place is seen.
     """
     each = [turn for turns in seen for turn in turns]
     if not each:
@@ -85,7 +86,7 @@ def rest_turns(seen: Sequence[Sequence[RestTurn]]) -> RestTurns | None:
 
 
 def _errors(each: Sequence[RestTurn], unmeasured: frozenset[str]) -> Array:
-    """Covariance (n, n) [rad^2] of the errors of n turns, with the poses of some markers taken as unmeasured.
+    """Covariance (n, n) [rad^2] of the errors of n turns, with some markers' poses taken as unmeasured.
 
     Args:
         each: turns as markers show them.
@@ -104,7 +105,9 @@ def _alike(names: Sequence[str]) -> Array:
 
 
 def _log_density(errors: Array, to_strike: Array, angle: Array) -> Array:
-    """Log density of what is seen for each of `FACTORS`, with its prior, up to a constant.
+    """Log density (k,), up to a constant, of the turns seen and of each of k factors on their usual sd.
+
+    The factors are `FACTORS`, the usual sd is `USUAL_SD`; the prior of the factor is included.
 
     Args:
         errors: (n, n) covariance of the errors of n turns [rad^2].

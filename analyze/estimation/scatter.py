@@ -153,10 +153,11 @@ def factor_log_prior(factors: Array, scale: float, freedom: float = PRIOR_FREEDO
 
 
 def _log_likelihood(covariance: Array, by_scatter: Array, residual: Array) -> Array:
-    """Log likelihood of the measurements for each of `SCATTER_FACTORS`, up to a constant.
+    """Log likelihood (k,), up to a constant, of the measurements for k factors on the sd of scatter.
 
-    With V the covariance, H the derivative and r the residuals, it is -(ln det(V + s^2 H H^T) + r^T (V + s^2
-    H H^T)^-1 r) / 2 for a factor s.
+    The scatter is that of the balance angle from strike to strike; the factors are `SCATTER_FACTORS`. With V
+    the covariance, H the derivative and r the residuals, it is -(ln det(V + s^2 H H^T) + r^T (V + s^2 H
+    H^T)^-1 r) / 2 for a factor s.
 
     Args:
         covariance: (n, n) V, of the standardised measurements without scatter, errors that strikes share and

@@ -132,10 +132,10 @@ def box_of(part: MassProperties) -> Box:
 
 
 def _face_at(point: Array, outward: Array, faces: Mapping[str, Array], size: float) -> str:
-    """Id of the face of a given outward normal (3,) that passes through a point (3,) [m]; "" if none does.
+    """Id of the face of a given outward normal (3,) nearest to a point (3,) [m]; "" if none is near.
 
+    The face's normal may be 1 deg off, its distance less than 0.2 % (`SAME_FACE_FRACTION`) of `size` [m].
     `faces` holds planes (4,) by id: outward unit normal n and offset d [m], with n.x + d = 0 on the face.
-    `size` [m] is the length on which the permitted distance depends.
     """
     near = [
         (abs(float(plane[:3] @ point + plane[3])), name)

@@ -137,8 +137,8 @@ def _minimised_dual(
 ) -> Array:
     """Multipliers lambda (k,) that minimise the dual of the maximum-entropy problem, by Newton's method.
 
-    The dual is sum m_max log(1 + exp(a + lambda.f)) - lambda.t + stiffness lambda^2 / 2, summed over n cells.
-    There is one multiplier for each of the k measured moments.
+    The dual is S - lambda.t + stiffness |lambda|^2 / 2, with S the sum of m_max log(1 + exp(a + lambda.f))
+    over the n cells. There is one multiplier for each of the k measured moments.
 
     Args:
         start: (k,) multipliers to start from.

@@ -92,11 +92,12 @@ def alternatives(
 ) -> tuple[Alternative, ...]:
     """Changes of c and moments if the problem is solved again under each alternative assumption or data.
 
-    c is the centre of mass. Of all strikes left out in turn, only the worst is kept. The estimate fails to
-    hold if a change exceeds `SLACK` half widths of the stated 95 % interval. It is excused if leaving out
-    data made the answer so much less certain that the change is within `EXPLAINED_SIGMAS` of the added
-    uncertainty. Where the strikes do not check the stated edge radius, change and added uncertainty together
-    must stay within `SLACK` half widths: else the stated radius alone would make the answer sure.
+    c is the centre of mass. Of the strikes left out in turn (at most `MAX_LEFT_OUT`), only the worst is kept.
+    The estimate fails to hold if a change exceeds `SLACK` half widths of the stated 95 % interval. It is
+    excused if the answer became so much less certain that the change is within the added uncertainty:
+    `EXPLAINED_SIGMAS` of it with other or fewer data, 1.96 sd with an edge radius not given. Where the
+    strikes do not check the stated edge radius, change and added uncertainty together must stay within
+    `SLACK` half widths: else the stated radius alone would make the answer sure.
 
     Args:
         planes: Equi-planes of the strikes (plane through pivot line and c), in the object frame O.
@@ -108,8 +109,9 @@ def alternatives(
         other_planes: Equi-planes of the same strikes by another estimator; None if there is none.
 
     Returns:
-        Alternatives in the order of `WhatIf`; those that change nothing in the problem are left out. Empty if
-        c is not observed: then nothing is stated that could fail to hold.
+        Alternatives in the order of `WhatIf`, without those that do not apply: no edge radius was stated, too
+        few strikes, no other estimator, no rate constant k used. Empty if c is not observed: then nothing is
+        stated that could fail to hold.
     """
     if not stated.com.observed:
         return ()
