@@ -157,7 +157,9 @@ def _reason_by_certainty(motion: PlanarMotion, hinge: MotionFit, balanced: Motio
 
     Both fit the balance angle phi and the rate k of theta'' = -k sin(phi - theta), theta the tipping angle. A
     hinge is an edge that stays in place; its errors include those of the edge's measured creep (small
-    displacements). The moment balance follows these instead. It must know phi clearly better, and k better.
+    displacements). The moment balance follows these instead. It is more certain if its variance of phi is
+    less than half the hinge's, and that of k less than the hinge's. Empty also if the hinge's phi is
+    uncertain by more than 0.3 deg (`MAX_LINEAR_PHI_SD`), before the creep is added.
 
     Args:
         motion: the motion with slip and lift of the edge.

@@ -141,11 +141,12 @@ def _offset_sd(motion: PlanarMotion) -> float:
 
 
 def _lift_above_most(theta: Array, lift: Array, sd: Array, offset_sd: float) -> Array:
-    """Height (n,) [m] of the pivot edge in n frames over its place in most of them.
+    """Lift (n,) [m] of the pivot edge in n frames, less what an error of its assumed place explains.
 
-    The assumed edge may be off the true one; this offset is fitted so that most frames show no height. Small
-    displacements of the edge itself count as noise in this fit. `lift` is returned unchanged if the offset
-    comes out as three times its standard deviation or more.
+    If the assumed edge lies beside the true one, rotation alone lifts or lowers it. This offset, along and
+    off the table, is fitted with a prior of 0 and robust weights, as if the true edge stayed on the table:
+    frames in which it was off the table are outliers. `lift` is returned unchanged if the offset comes out as
+    three times `offset_sd` or more.
 
     Args:
         theta: (n,) tipping angle [rad].
@@ -199,7 +200,7 @@ def _corrected(motion: PlanarMotion, used: slice, offset: Array, covariance: Arr
 
 
 def _error_by_radius(theta: Array, unseen: Array) -> Array:
-    """Errors (n, 2) of corrected slip and lift per metre by which the edge's radius exceeds the planned one.
+    """Errors (n, 2) of corrected slip and lift per metre of the edge's radius beyond the planned one.
 
     With a larger radius the edge rolls farther, by theta per metre, and its centre line lies farther back and
     higher than the assumed one by as much. Of this offset, the correction leaves what the lift did not show.
@@ -213,7 +214,7 @@ def _error_by_radius(theta: Array, unseen: Array) -> Array:
 
 
 def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array, offset_sd: float) -> tuple[Array, Array]:
-    """Errors (3,) [m] of the assumed edge against the true, sliding one, and their covariance (3, 3) [m^2].
+    """Errors (3,) [m] of the assumed edge against the true, sliding one; their covariance (3, 3) [m^2].
 
     They are the offset at rest, horizontal in the direction of the tip, then upwards; and the radius, which
     sliding hides: 0 within 0.1 mm. The offset follows from the lift alone, with a prior of 0. An offset of

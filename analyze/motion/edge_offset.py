@@ -51,7 +51,7 @@ def displacement_per_offset(theta: Array) -> Array:
 
 
 def displacement_per_error(theta: Array) -> Array:
-    """Displacement (n, 2, 3) of a point by rotations theta (n,) [rad], per metre of three errors of the edge.
+    """Displacement (n, 2, 3) of a point by rotations theta (n,) [rad], per metre of three edge errors.
 
     Rows: displacement along and off the table; columns: the point's offset from the edge along and off the
     table, and the edge's radius beyond the assumed one, on which it rolls farther than was subtracted.

@@ -118,9 +118,9 @@ def _fits(
     """Fits of a strike by the moment balance if it suits the motion better, else by `estimator`.
 
     The moment balance is a fit that allows for the edge's measured motion. It mostly suits better where the
-    edge moved; the fit by `estimator` is kept if the moment balance fails. The window is that of the first
-    fit by `estimator`. If the edge leaves the table within it and does not come back, all fits end at that
-    frame, provided the motion up to there can be fitted; the chosen fit's note then states so.
+    edge moved; the fit by `estimator` is kept if the moment balance fails. The window is the one found by
+    iteration with `estimator`. If the edge leaves the table within it and does not come back, all fits end at
+    that frame, provided the motion up to there can be fitted; the chosen fit's note then states so.
 
     Args:
         motion: the motion through the whole window of the strike.

@@ -220,7 +220,7 @@ def moment_rows(contact: Contact, radius: float, gravity: float) -> tuple[Array,
 
 
 def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[float, float]) -> BalancedBody:
-    """Fit centre of mass, inertia per mass and the rounding of the touching edges to all contacts together.
+    """Fit centre of mass, inertia per mass and rounding of the touching edges to all contacts together.
 
     Args:
         contacts: stretches of one body's motion, in each of which it touches the table at one edge or corner

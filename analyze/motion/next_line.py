@@ -1,9 +1,10 @@
-"""Strikes that balance over the next support line: their motion about that line, from its take-over on.
+"""Strikes that balance over the next support line: their motion about it, from its take-over on.
 
-An object with a foot or a chamfer turns over the planned edge until the facet beside it lies on the table,
-then over that facet's other edge. Balance angle phi and rate k, in theta'' = -k sin(phi - theta) with theta
-the tipping angle since rest, then belong to this next line. Seen from it, the rest of the motion is a tip
-like any other: the same angle, another followed point, and a free motion that begins at the take-over.
+Support lines are the edges over which an object turns in succession as it tips. An object with a foot or a
+chamfer turns over the planned edge until the facet beside it lies on the table, then over that facet's other
+edge, which thus takes over. Balance angle phi and rate k, in theta'' = -k sin(phi - theta) with theta the
+tipping angle since rest, then belong to this next line. Seen from it, the rest of the motion is a tip like
+any other: the same angle, another followed point, and a free motion that begins at the take-over.
 """
 
 from __future__ import annotations
@@ -43,7 +44,11 @@ _MIN_FRAMES = 16
 
 @dataclass(frozen=True)
 class LineMotion:
-    """Motion of a strike about the support line that took over from the planned edge, to be analysed."""
+    """Motion of a strike about the support line that took over from the planned edge, to be analysed.
+
+    Support lines are the edges over which the object turns in succession as it tips; the next one takes over
+    where the face between the two comes to lie on the table.
+    """
 
     line: SupportLine
     """the line, from the planned pivot's centre line"""
@@ -56,18 +61,19 @@ class LineMotion:
     moved_frame: int | None
     """first frame in which the object was clearly off rest"""
     begins_rad: float
-    """tipping angle theta [rad] from which by the shape only this line carries"""
+    """tipping angle theta [rad] from which, by the shape, the object turns over this line alone"""
 
 
 def carried_strike(planned: PlannedStrike, line: SupportLine) -> PlannedStrike:
-    """Copy of a planned strike with a support line that took over in place of the planned pivot edge.
+    """Copy of a planned strike with its pivot edge replaced by the support line that took over from it.
 
-    Rest pose and direction stay. The axis is named by the planned one and the distance between the two, as
-    p4e0+4.1mm, as no plan has a name for it.
+    Such a line is the next edge over which the object turns as it tips. Rest pose and pivot direction stay;
+    the pivot's point and radius become those of the line. No plan has a name for its axis: it is that of the
+    planned one with the distance between the two, as p4e0+4.1mm.
 
     Args:
         planned: the strike as planned.
-        line: the line that carried, from the planned pivot's centre line.
+        line: the line, with its place from the planned pivot's centre line.
     """
     R_world_object = np.array(planned.R_world_object)
     point = np.array(planned.pivot.point) + R_world_object[[0, 2]].T @ np.array([line.along_m, line.up_m])
@@ -77,15 +83,21 @@ def carried_strike(planned: PlannedStrike, line: SupportLine) -> PlannedStrike:
 
 
 def planned_axis(axis_id: str) -> str:
-    """Name of the planned pivot axis in that of an axis, which may be a line that took over from it."""
+    """Name of the planned pivot axis, from that of the axis about which a strike was analysed.
+
+    The axis of an edge that took over from the planned one is named by this and their distance, which is cut
+    off: p4e0+4.1mm gives p4e0. Any other name is returned as it is.
+    """
     planned, _, distance = axis_id.rpartition("+")
     return planned if distance.endswith("mm") else axis_id
 
 
 def next_take_over(found: TipMotion, task: StrikeTask) -> float | None:
-    """Tipping angle [rad] at which a fit over the planned edge must end, as the next line may carry then.
+    """Tipping angle [rad] at which a fit over the planned edge must end, before the next takes over.
 
-    None if no line follows, if there is no fit, or if by the shape another line carried at balance.
+    Support lines are the edges over which the object turns in succession as it tips. None if no line follows
+    that is far enough from the planned edge to matter, if the lines are unknown, if there is no fit, if the
+    verdict is a wrong edge, or if by the shape the object balanced over another line.
 
     Args:
         found: the motion as analysed for the planned edge.
@@ -108,14 +120,14 @@ def reaches(found: TipMotion, until: float) -> bool:
 
 
 def balanced_before(found: TipMotion, until: float) -> TipMotion:
-    """Result of a strike fitted up to the take-over of the next line; a wrong edge if it balances later.
+    """Result of a strike fitted until the next edge may take over; a wrong edge if it balances later.
 
-    The motion up to there does not show over which of the two lines such a strike balanced. An object that
-    rocked back turned about the planned edge alone.
+    The motion up to there does not show over which of the two edges such a strike balanced. An object that
+    rocked back turned about the planned edge alone: its result stays as it is.
 
     Args:
         found: the motion as analysed up to that angle.
-        until: tipping angle [rad] from which the next line may carry.
+        until: tipping angle [rad] from which the object may turn over the next edge.
     """
     if found.fit is None or found.verdict is Verdict.ROCKED_BACK or found.fit.phi < until:
         return found
@@ -125,7 +137,12 @@ def balanced_before(found: TipMotion, until: float) -> TipMotion:
 
 
 def _carries_until(supports: Sequence[SupportLine], index: int, task: StrikeTask) -> float | None:
-    """Tipping angle [rad] up to which a support line surely carries; None if no other takes over from it.
+    """Tipping angle [rad] up to which the object surely turns over a support line; None for no limit.
+
+    Support lines are the edges over which the object turns in succession as it tips. The limit is the angle
+    at which the next one takes over, less 1 deg and the angle's standard deviation. Later lines within 0.2
+    mm, or within two standard deviations of the edge's place, are too near to matter and are skipped; None if
+    no other line follows.
 
     Args:
         supports: support lines, ordered by the angle at which each takes over.
@@ -139,17 +156,20 @@ def _carries_until(supports: Sequence[SupportLine], index: int, task: StrikeTask
 def about_next_line(
     motion: PlanarMotion, task: StrikeTask, found: TipMotion, limits: WindowLimits
 ) -> LineMotion | None:
-    """Motion about the support line that by the shape carried a strike at balance, from its take-over on.
+    """Motion about the line over which, by the shape, the object balanced, after that line took over.
+
+    The line is a support line, one of the edges over which the object turns in succession as it tips.
 
     Args:
         motion: the motion in the plane across the pivot axis, with slip and lift of the planned edge.
         task: the strike as planned and as carried out, with its support lines.
-        found: the motion as analysed for the planned edge, with a fit whose balance angle tells the line.
+        found: the motion as analysed for the planned edge; the balance angle of its fit selects the line.
         limits: bounds of the free motion.
 
     Returns:
-        The motion about the line. None if there is no fit, if the contact rolls on a curve or along a rim, if
-        by the shape the planned edge carried, or if too few frames follow the take-over.
+        The motion about the line. None if there is no fit, if the support lines are unknown, if the contact
+        rolls on a curve or along a rim, if by the shape the object balanced over the planned edge, or if
+        fewer than 16 frames of free motion follow the take-over.
     """
     supports, planned, angle = task.supports, task.planned, motion.angle
     if not supports or found.fit is None or found.fit.rolling is not None or planned.rolls:
@@ -181,8 +201,11 @@ def about_next_line(
 def counted_for_line(motion: PlanarMotion, found: TipMotion, about: LineMotion) -> TipMotion | None:
     """Result of a strike that counts for the line which took over; None unless that line is certain.
 
-    It is certain if by the shape it carried at balance, and if the measured place of the line at balance
-    agrees with it within 3 sd and excludes every other one, the planned edge among them, by 3 sd.
+    The line is a support line, one of the edges over which the object turns in succession as it tips. It is
+    certain if by the shape the object turned over it alone at balance, and if the measured place of the line
+    at balance agrees with it within 3 sd and excludes, by 3 sd, every other one that is far enough away to
+    matter, the planned edge among them. None also if there is no such other line, if the place could not be
+    measured, or if the verdict is neither good nor rocked back.
 
     Args:
         motion: the motion with slip and lift of the planned edge.
@@ -215,15 +238,16 @@ def counted_for_line(motion: PlanarMotion, found: TipMotion, about: LineMotion) 
 def _from_take_over(
     course: Course, motion: PlanarMotion, begins: float, limits: WindowLimits
 ) -> Course | None:
-    """Course of a strike whose free motion begins a while after a take-over; None if too short.
+    """Events of a strike whose free motion begins after the next edge took over; None if too short.
 
-    The facet that lands is an impact on the table, after which as much time is left out as after that of the
-    striker. An object that falls back ends its free motion where the facet lands again.
+    The facet between the two edges lands on the table then, an impact after which as much time is left out as
+    after that of the striker. An object that falls back ends its free motion where the facet lands again.
+    None if the object did not move, or if fewer than 16 frames are left.
 
     Args:
         course: events of the strike about the planned edge.
         motion: the motion, with the tipping angle.
-        begins: tipping angle [rad] from which only the line carries.
+        begins: tipping angle [rad] from which the object turns over the next edge alone.
         limits: time left out after an impact.
     """
     angle, released = motion.angle, course.released_frame
@@ -252,17 +276,21 @@ def _from_take_over(
 
 
 def _seen_from(line: SupportLine, supports: Sequence[SupportLine]) -> tuple[SupportLine, ...]:
-    """Support lines with their places [m] from one of them instead of the planned pivot's centre line."""
+    """Support lines with their places [m] from one of them instead of the planned pivot's centre line.
+
+    Support lines are the edges over which the object turns in succession as it tips.
+    """
     return tuple(
         replace(each, along_m=each.along_m - line.along_m, up_m=each.up_m - line.up_m) for each in supports
     )
 
 
 def _followed_on(motion: PlanarMotion, planned: PlannedStrike, line: SupportLine) -> PlanarMotion:
-    """Copy of a motion with the slip and lift [m] of a support line instead of the planned edge.
+    """Copy of a motion with the slip and lift [m] of a support line instead of the planned edge's.
 
-    Both are 0 where the line carries without sliding: the lift against the height of its rounding on the
-    table, the slip against rolling on that rounding from the take-over on.
+    The line is an edge that took over from the planned one. Both are 0 while the object turns over it without
+    sliding: the lift is counted from the height of its rounding on the table, the slip from rolling on that
+    rounding since the line took over.
 
     Args:
         motion: the motion with slip and lift of the planned edge.

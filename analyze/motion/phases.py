@@ -36,7 +36,7 @@ class Course:
     moved_frame: int | None
     """first frame that is clearly off rest; None if the object did not move"""
     released_frame: int | None
-    """first frame in which only gravity acts (t1 and the guard); None if the object did not move"""
+    """first frame in which only gravity acts, some time after the impact; None if the object did not move"""
     top_frame: int | None
     """frame of the largest angle; None if the object did not move"""
     end_frame: int

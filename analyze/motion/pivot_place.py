@@ -48,7 +48,7 @@ _ANGLE_MARGIN_RAD = math.radians(0.2)
 
 @dataclass(frozen=True)
 class PivotPlace:
-    """Measured horizontal distance of the line about which a body turns at balance from the planned line [m].
+    """Measured horizontal distance [m] from the planned line to that about which a body balanced.
 
     It is positive if the line lies ahead, in the direction of the tip.
     """
@@ -94,15 +94,17 @@ def judge_support(
     """Verdict "wrong edge" if by the shape the body balanced over another line than planned, else None.
 
     A support line is one over which the body turns for a range of tipping angles, until the next takes over.
-    By the shape, the last one that took over before the measured balance angle carries. Where a line takes
-    over so near balance that the shape's errors leave it open, the measured place decides. A place that
-    contradicts the shape does not save a strike: where the line changes near balance, the measured place lies
-    between the two.
+    By the shape, the body balanced over the last one that took over before the measured balance angle. Where
+    a line takes over so near balance that the shape's errors leave it open, the measured place decides. A
+    place that contradicts the shape does not save a strike: where the line changes near balance, the measured
+    place lies between the two. None also if the other line is too near to the planned one to matter, or if
+    the contact rolls on a curve.
 
     Args:
         motion: the motion, with the tipping angle.
         fit: the chosen fit with the balance angle and its window.
-        place: measured horizontal place of the line at balance; None if it was not measured.
+        place: measured horizontal distance of the line at balance from the planned one; None if it was not
+            measured.
         task: the strike as planned, with the support lines by the shape.
     """
     line = None if fit.rolling is not None else _line_by_shape(motion, fit, place, task)
@@ -119,7 +121,8 @@ def judge_place(place: PivotPlace | None, fit: MotionFit) -> Judgement | None:
     Far is at least 1 mm and 3 sd. The shape need not have another edge there.
 
     Args:
-        place: measured horizontal place of the line at balance; None if it was not measured.
+        place: measured horizontal distance of the line at balance from the planned one; None if it was not
+            measured.
         fit: the chosen fit; a contact that rolls on a curve has no line.
     """
     if (
@@ -170,7 +173,11 @@ def _line_by_shape(
 
 
 def nearest_to_planned(supports: Sequence[SupportLine]) -> int:
-    """Index of the support line that is the planned pivot by the shape: the one nearest to it."""
+    """Index of the support line nearest to the planned pivot, which counts as that pivot by the shape.
+
+    Support lines are the edges over which the body turns in succession as it tips; each has its place from
+    the planned pivot's centre line.
+    """
     return min(range(len(supports)), key=lambda i: math.hypot(supports[i].along_m, supports[i].up_m))
 
 
@@ -197,6 +204,15 @@ def _near_balance(supports: Sequence[SupportLine], phi: float, phi_sd: float) ->
 
 
 def matters(line: SupportLine, planned: SupportLine, task: StrikeTask) -> bool:
-    """True if a support line is so far from the planned one that a strike over it is another measurement."""
+    """True if two support lines are so far apart that strikes over them are different measurements.
+
+    Support lines are the edges over which the body turns in succession as it tips. The distance must exceed
+    0.2 mm and two standard deviations of the planned edge's place.
+
+    Args:
+        line: one of the lines.
+        planned: the other line, usually the one that is the planned pivot.
+        task: the strike as planned, with the standard deviation of its edge's place.
+    """
     apart = math.hypot(line.along_m - planned.along_m, line.up_m - planned.up_m)
     return apart > max(_MIN_SHIFT_M, _SHIFT_SIGMAS * task.planned.pivot.sd_m)

@@ -140,7 +140,8 @@ def _turn(
         seen: for each marker its possible rotations (3, 3) from object to camera frame.
         camera: camera with its pose in the world frame of `as_planned`.
         as_planned: the strike for which the camera's pose is given.
-        strike: the strike that is compared; its heading turns the world frame.
+        strike: the strike that is compared; its world frame is turned about the vertical by the difference of
+            the two strikes' headings (directions of the tip on the table).
 
     Returns:
         Angle [rad], and rotation vector (3,) [rad] in the world frame W of `strike`, z up.

@@ -124,7 +124,7 @@ def rest_pose(
 def rest_turn(
     pose: RestPose, marker: Marker, camera: CameraModel, R_world_object: Array, systematic_sd: float
 ) -> RestTurn | None:
-    """Turn of the object at rest about the pivot axis (y of W), as one marker shows it; None if it does not.
+    """Turn of the object at rest about the pivot axis (y of W) by one marker; None if it shows none.
 
     A marker with an unknown place on the object, or turned by more than 0.3 rad, shows nothing.
 

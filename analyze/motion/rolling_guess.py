@@ -1,8 +1,8 @@
 """First guess for a rolling contact, by linear least squares on the integrated equation of motion.
 
-`pendulum.first_guess` is the equivalent for a hinge. The section is the body's cross-section across the
-pivot axis, on which it rolls. With theta the tipping angle, rho the section's radius of curvature, and the
-unknowns x = (1, a, b) / J of the body (centre of mass at (-b, a) from the pivot point, J its inertia per
+`pendulum_motion.first_guess` is the equivalent for a hinge. The section is the body's cross-section across
+the pivot axis, on which it rolls. With theta the tipping angle, rho the section's radius of curvature, and
+the unknowns x = (1, a, b) / J of the body (centre of mass at (-b, a) from the pivot point, J its inertia per
 mass about that point),
 
     theta + x . M(theta) + x . II f (g - rho theta'^2) = theta0 + v t

@@ -1,4 +1,4 @@
-"""Errors of the balance angle phi and of k from errors of the tipping angle that change slowly with it.
+"""Errors of balance angle phi and of k from errors of the tipping angle that change slowly with it.
 
 The place of a marker's edges among the pixels, errors of the lens model, and a contact that wanders along a
 rim shift the tipping angle theta by some thousandths of a degree, alike in frames whose theta is nearly the

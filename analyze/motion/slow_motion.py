@@ -128,9 +128,10 @@ def _faster(track: MarkerTrack, ratio: int) -> MarkerTrack:
 
 
 def _task(task: StrikeTask, ratio: int) -> StrikeTask:
-    """Copy of a strike's plan and times [ns] with the times divided by `ratio`, true over stated frame rate.
+    """Copy of a strike's plan and times [ns] with the times divided by `ratio`.
 
-    The times of images in which no marker was found are left out.
+    `ratio` is the true over the stated frame rate. The times of images in which no marker was found are left
+    out.
     """
     end = None if task.images_end_ns is None else task.images_end_ns // ratio
     return replace(task, contact_time_ns=task.contact_time_ns // ratio, images_end_ns=end, unmarked_ns=None)

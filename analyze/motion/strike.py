@@ -112,7 +112,7 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
 
     A strike that balanced over the next line of the shape instead of the planned edge, such as the body's
     edge behind a foot, counts for that line if the line is certain; else it is a wrong edge. Only the part of
-    the motion in which one line carries is fitted.
+    the motion in which the object turns over one line is fitted.
 
     Args:
         motion: the motion in the plane across the pivot axis.
@@ -128,7 +128,17 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
 
 
 def _about_carrying_line(motion: PlanarMotion, task: StrikeTask, settings: MotionSettings) -> TipMotion:
-    """Result of a strike about the line that carried the object at balance, as `analyse_motion`."""
+    """Result of a strike about the edge over which the object balanced: the planned or the next one.
+
+    A fit about the planned edge ends where the next edge may take over; a strike that balances later is a
+    wrong edge. One that by the shape balanced over the next edge counts for it if that edge is certain, else
+    it keeps its result about the planned edge.
+
+    Args:
+        motion: the motion in the plane across the pivot axis.
+        task: the strike as planned and as carried out, with the edges over which the object turns.
+        settings: limits of the fit's window, of a clean tip and of the contact.
+    """
     found = _analysed(motion, task, settings)
     if (until := next_take_over(found, task)) is not None:
         if reaches(found, until):
@@ -154,7 +164,9 @@ def _analysed(
             they are given, as it needs the motion from the impact on.
 
     Returns:
-        As `analyse_motion`; a strike that balanced over another line is a wrong edge.
+        The motion with its verdict: a wrong edge if it balanced over another line. Fit and energy ratio are
+        None if the object did not tip, nothing fits, or the balance angle is too uncertain; tipping angle and
+        phases too if the images end too early.
     """
     if (unseen := _judge_unseen(task)) is not None:
         return _without_motion(task, unseen)

@@ -3,7 +3,7 @@
 A box turns over one edge until its side lands at 90 deg. An object with a chamfered foot turns over the
 foot's edge until the chamfer lies on the table, then over the chamfer's other edge; one on four feet, over
 the feet's outer edges and then over the body's. Balance angle phi and rate k, in theta'' = -k sin(phi -
-theta), belong to the line that carries at balance, so that a strike counts for that line only.
+theta), belong to the line over which it turns at balance, so that a strike counts for that line only.
 
 The lines follow from the outline of the convex hull, seen along the pivot axis: turned by theta, the object
 touches the table with the outline's lowest corner, and the next corner takes over where the facet between the
@@ -61,7 +61,8 @@ def support_lines(
             its corners gives one.
 
     Returns:
-        The lines, ordered by take-over angle, the one at rest first.
+        The lines, ordered by the tipping angle at which each takes over from the one before, the line at rest
+        first.
 
     Raises:
         EstimationError: the points span no area.
@@ -102,7 +103,7 @@ def support_lines(
 def _without_swallowed(
     outline: Outline, curved: NDArray[np.bool_], rounding: float
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Facets of an outline that are left once its corners are rounded: angles, first corners, curved or not.
+    """Facets of an outline left once its corners are rounded: angles, first corners, curved or not.
 
     A facet vanishes if it is shorter than the lengths that the rounding takes off at both its ends; its
     neighbours are then prolonged until they meet. The shortest goes first. Facets of curves remain.

@@ -1,4 +1,4 @@
-"""Tipping angle theta per frame from markers' corners; one file, as its planar and full fit share arrays.
+"""Tipping angle theta per frame from markers' corners; one file, as its two fits share arrays.
 
 The body moves in the plane across the pivot axis, so a frame has three unknowns: theta, and the pivot's
 displacement along and off the table. Fitting only these, by Gauss-Newton on the reprojection of the corners,
