@@ -118,7 +118,7 @@ def _xyz(data: bytes) -> Array:
     a count or column names are skipped.
 
     Raises:
-        ValueError: the lines have different lengths, or contain something else than numbers.
+        ValueError: the lines have different lengths, fewer than 3 columns, or something else than numbers.
     """
     text = data.replace(b",", b" ").replace(b";", b" ").replace(b"//", b"#")
     lines = [line for line in (line.split(b"#")[0] for line in text.splitlines()) if line.strip()]

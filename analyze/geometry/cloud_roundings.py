@@ -108,11 +108,12 @@ def edge_roundings(
     """Roundings of the edges between faces fitted to a point cloud; edges with few points are left out.
 
     The radius is the mean, its sd that of the distribution of the radius given the points, all radii from 0
-    to `MAX_RADIUS` being equally likely before. The likelihood counts a point's distance from the profile of
-    two faces and an arc that touches both, up to `MAX_RESIDUAL_SDS` (a stray point, or one of a hollow, has
-    little effect). Four errors are added: those of the faces' places, `RADIUS_ERROR`, one as large as the
-    noise, which moves points of a curve outwards and so makes a radius not much above it look smaller, and
-    that of a bevel taken for a rounding, in proportion to the chance that it is one.
+    to the largest (`MAX_RADIUS`, or `MAX_RADIUS_FRACTION` of the extent if less) being equally likely before.
+    The likelihood counts a point's distance from the profile of two faces and an arc that touches both, up to
+    `MAX_RESIDUAL_SDS` (a stray point, or one of a hollow, has little effect). Added in square are the errors
+    of the faces' places, `RADIUS_ERROR`, `RADIUS_ERROR_FRACTION` of the radius, the noise (it moves points of
+    a curve outwards, so that small radii look smaller), and `BEVEL_RADIUS_ERROR` of the radius times the root
+    of the chance that the edge is a bevel.
 
     Args:
         points: (n, 3) points of the cloud [m].
@@ -132,9 +133,9 @@ def bevels(
 ) -> tuple[FittedPlane, ...]:
     """Planes of narrow flat faces that cut off the edges between the faces fitted to a point cloud.
 
-    An edge is bevelled if a flat face of some widths along the two faces explains the points beside it
-    better than any rounding, by `BEVEL_GAIN` in the sum of squared distances over the noise's variance, and
-    lies at least `MIN_BEVEL_SDS` below the sharp edge.
+    An edge is bevelled if a flat face of some widths along the two faces explains the points beside it better
+    than any rounding, by `BEVEL_GAIN` in the sum of squared distances over the noise's variance, and lies at
+    least `MIN_BEVEL_SDS` sd of the noise below the sharp edge.
 
     Args:
         points: (n, 3) points of the cloud [m].
@@ -160,10 +161,13 @@ def bevels(
 def _bevel_plane(points: Array, edge: _Beside, legs: Array, sd: float, inside: Array) -> FittedPlane | None:
     """Plane fitted to the points of a bevel, with `BEVEL_SD_FACTOR` on its sd; None if they are too few.
 
+    Too few are points whose weights add up to less than `MIN_BEVEL_POINTS`.
+
     Args:
         points: (k, 3) points beside the edge [m].
-        edge: The edge.
-        legs: (2,) depth below each face of the bevel's end on the other one [m].
+        edge: The edge, with its two faces 0 and 1.
+        legs: (2,) size of the bevel [m]. The bevel ends on each face along a line: the first number is the
+            depth below face 0 of the line on face 1, the second the depth below face 1 of that on face 0.
         sd: 1 sigma of the noise [m].
         inside: (3,) point within the body [m].
     """
@@ -206,7 +210,9 @@ def _edges(points: Array, planes: tuple[FittedPlane, ...], sd: float, extent: fl
 
 
 def _rounding(points: Array, edge: _Beside, sd: float, extent: float) -> EdgeRounding:
-    """Rounding of the edge between two faces.
+    """Rounding of the edge between two faces: its ends, radius and the radius's sd [m].
+
+    The ends are in the cloud's frame.
 
     Args:
         points: (n, 3) points of the cloud [m].
@@ -244,7 +250,7 @@ def _rounding(points: Array, edge: _Beside, sd: float, extent: float) -> EdgeRou
 
 
 def _radii(edge: _Beside) -> Array:
-    """Radii [m] that are compared, from 0 to the largest."""
+    """Radii (`RADII`,) [m] that are compared, in equal steps from 0 to the largest."""
     return np.linspace(0.0, edge.largest, RADII)
 
 
@@ -254,7 +260,8 @@ def _chance_of_bevel(edge: _Beside, sd: float, arc: float) -> float:
     Args:
         edge: Points beside the edge.
         sd: 1 sigma of the noise [m].
-        arc: Misfit of the best rounding.
+        arc: Misfit of the best rounding: sum of squared distances of the points from its profile, over the
+            noise's variance.
     """
     # A bevel has two widths, a rounding one radius.
     gain = arc - _best_bevel(edge, sd)[0] - np.log(len(edge.depth))
@@ -264,9 +271,9 @@ def _chance_of_bevel(edge: _Beside, sd: float, arc: float) -> float:
 def _best_bevel(edge: _Beside, sd: float) -> tuple[float, Array]:
     """Misfit of the best bevel of an edge, and its two legs (2,) [m].
 
-    A leg is the depth, below one face, of the bevel's end on the other face. The misfit is the sum of the
-    squared distances of the points from the profile, over the noise's variance, each up to
-    `MAX_RESIDUAL_SDS` sd.
+    The bevel ends on each of the faces 0 and 1 along a line: the first leg is the depth below face 0 of the
+    line on face 1, the second the depth below face 1 of that on face 0. The misfit is the sum of the squared
+    distances of the points from the profile, over the noise's variance, each up to `MAX_RESIDUAL_SDS` sd.
 
     Args:
         edge: Points beside the edge.
@@ -283,7 +290,17 @@ def _best_bevel(edge: _Beside, sd: float) -> tuple[float, Array]:
 
 
 def _least_bevel(edge: _Beside, sd: float, legs: Array) -> tuple[float, Array]:
-    """Misfit and legs (2,) [m] of the best of several bevels, whose legs (m, 2) [m] are given."""
+    """Misfit and legs (2,) [m] of the bevel that fits the points of an edge best, of m bevels.
+
+    The misfit is the sum of the squared distances of the points from the profile, over the noise's variance,
+    each up to `MAX_RESIDUAL_SDS` sd.
+
+    Args:
+        edge: Points beside the edge.
+        sd: 1 sigma of the noise [m].
+        legs: (m, 2) for each bevel, depth [m] below face 0 of its end on face 1, and below face 1 of that on
+            face 0.
+    """
     shallow = edge.depth.min(axis=1)
     off = [np.minimum(shallow, _bevel_depth(edge.depth, edge.cosine, pair)) for pair in legs]
     misfits = np.minimum((np.array(off) / sd) ** 2, MAX_RESIDUAL_SDS**2).sum(axis=1)
@@ -295,9 +312,10 @@ def _bevel_depth(depth: Array, cosine: float, legs: Array) -> Array:
     """Depth (n,) [m] of points below a bevel's plane.
 
     Args:
-        depth: (n, 2) depths of the points below the two faces [m].
+        depth: (n, 2) depths of the points below the two faces, 0 and 1 [m].
         cosine: Cosine of the angle between the faces' outward normals.
-        legs: (2,) depth below each face of the bevel's end on the other one [m].
+        legs: (2,) size of the bevel [m]. The bevel ends on each face along a line: the first number is the
+            depth below face 0 of the line on face 1, the second the depth below face 1 of that on face 0.
     """
     steepness = np.sqrt(legs[0] ** -2 + legs[1] ** -2 + 2 * cosine / (legs[0] * legs[1]))
     return ((depth / legs).sum(axis=1) - 1) / steepness
@@ -305,6 +323,9 @@ def _bevel_depth(depth: Array, cosine: float, legs: Array) -> Array:
 
 def _arc_misfits(depth: Array, cosine: float, sd: float, radii: Array) -> Array:
     """Misfit (r,) of roundings: sum of squared distances from the profile over the noise's variance.
+
+    The profile is that of two faces and an arc that touches both. A distance counts up to `MAX_RESIDUAL_SDS`
+    sd.
 
     Args:
         depth: (n, 2) depths of the points below the two faces [m].
@@ -327,7 +348,8 @@ def _radius(misfit: Array, count: int, radii: Array) -> tuple[float, float]:
     """Mean and sd [m] of the radius of a rounding, given points beside the edge.
 
     Args:
-        misfit: (r,) sum of squared distances of the points from the profile over the noise's variance.
+        misfit: (r,) for each radius, sum of squared distances of the points from faces and arc, over the
+            noise's variance.
         count: Number of points.
         radii: (r,) radii to compare [m], equally likely before.
     """

@@ -194,7 +194,9 @@ def line_sd(surface: CloudSurface, ends: Array) -> float:
 
 
 def _without_strays(points: Array) -> tuple[Array, int]:
-    """Points (k, 3) [m] without isolated ones and small separate clumps, and the number left out.
+    """Those (k, 3) of `points` (n, 3) [m] that are not stray, and the number left out.
+
+    Stray are isolated points and small separate clumps.
 
     Raises:
         ValueError: there are fewer than 50 points.

@@ -66,8 +66,8 @@ def box_depth(half_size: Array, points: Array) -> Depth:
 def cylinder_depth(radius: float, half_height: float, points: Array) -> Depth:
     """Depth of points in a cylinder centred on the origin, with its axis along z, and its gradient.
 
-    The depth (n,) [m] is the distance to the surface, negative outside. The gradient (n, 3) is 0 on the axis
-    where the flank is nearest.
+    The depth (n,) [m] is the distance to the surface, negative outside. The gradient (n, 3) is a unit vector
+    inwards, but 0 on the axis where the flank is nearest.
 
     Args:
         radius: Radius [m].
@@ -119,7 +119,7 @@ def convex_depth(planes: Array, points: Array) -> Depth:
 
 
 def largest_height(planes: Array, points: Array) -> Array:
-    """Largest height (n,) [m] of points over any of several planes.
+    """Height (n,) [m] of each point over that of several planes over which it is highest.
 
     The points may be in any order: successive ones need not lie close together.
 

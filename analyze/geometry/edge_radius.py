@@ -83,8 +83,9 @@ def edge_radius(
 
     It is the first of these that exists: the entry for this edge in the object file; the rounding that a
     point cloud shows there; the object file's radius for all edges; `ASSUMED`. The radius for all edges
-    replaces the cloud's if it is surer and agrees with it, or if it is larger, as clouds made from a drawing
-    show sharp edges; the strikes check it.
+    replaces the cloud's if the cloud's sd is above `MAX_SCANNED_SD`; if the stated one is surer, and the
+    cloud's is not larger by `CONTRADICTION_SDS` sd of the difference; or if the stated one is larger by
+    `LARGER_SDS`, as clouds made from a drawing show sharp edges.
 
     Args:
         spec: object file.

@@ -87,9 +87,10 @@ def fitted_planes(points: Array, noise: CloudNoise) -> tuple[FittedPlane, ...]:
     """Planar faces of a point cloud's hull, those with most points first; empty if there are none.
 
     Planes grow from small patches of points, and are kept if hardly a point lies outside them. Each is then
-    fitted to the points of its inner part, where the noise of neighbouring faces hardly matters:
-    `WALL_MARGIN_SDS` times the noise's 1 sigma and one point spacing below them, but at least 10 and at most
-    25 % of the face's depth (largest distance from its outline). Curved parts of the hull have no plane.
+    fitted to the points of its inner part, where the noise of neighbouring faces hardly matters. These points
+    lie below the planes of the neighbouring faces by `WALL_MARGIN_SDS` times the noise's 1 sigma plus one
+    point spacing, but by at least 10 and at most 25 % of the face's depth (largest distance of its points
+    from its outline). Curved parts of the hull have no plane.
 
     Args:
         points: (n, 3) points of the cloud [m].

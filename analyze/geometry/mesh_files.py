@@ -95,7 +95,8 @@ def read_numbered_mesh(
         the number (n,), from 0, of the piece of the file (node of a scene) that it belongs to.
 
     Raises:
-        ShapeError: as for `read_mesh`.
+        ShapeError: the file is not readable, has fewer than 4 faces, infinite coordinates or only coinciding
+            vertices, or states another unit.
     """
     # Imported here: loading takes a second, which point clouds and primitives do not need.
     import trimesh

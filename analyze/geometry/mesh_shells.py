@@ -56,8 +56,9 @@ def shells_of(vertices: Array, faces: IntArray, piece: IntArray) -> Shells:
         piece: (n,) number of the file's piece (node of a scene) that each vertex belongs to.
 
     Returns:
-        Faces of the closed shells, and of what remains open; indices refer to `vertices`. Most of the volume
-        is wound counter-clockwise from outside.
+        Faces of the closed shells, and of what remains open, without parts of fewer than `MIN_FACES` faces if
+        there are closed shells; indices refer to `vertices`. Most of the volume is wound counter-clockwise
+        from outside.
     """
     faces = _mostly_outward(vertices, faces)
     closed: list[IntArray] = []
@@ -161,9 +162,10 @@ def separated(vertices: Array, faces: IntArray) -> tuple[IntArray, IntArray, Boo
 def _wedges(vertices: Array, edges: IntArray, opposite: IntArray, forward: BoolArray) -> IntArray | None:
     """Pairs (h / 2, 2) of those of the h faces at one edge that bound a wedge of material, or None.
 
-    A pair holds two indices, 0 to h - 1. None if it is ambiguous which faces belong together. Going round the
-    edge by increasing angle, a face that runs the edge forwards ends the material of a body, one that runs it
-    backwards begins it. Where faces of touching bodies coincide, one body ends before the other begins.
+    A pair holds two indices, 0 to h - 1. None if it is ambiguous which faces belong together. A face runs the
+    edge in the order of its own vertices. Going round the edge by increasing angle, a face that runs it
+    forwards ends the material of a body, one that runs it backwards begins it. Where faces of touching bodies
+    coincide, one body ends before the other begins.
 
     Args:
         vertices: (n, 3) vertices.
@@ -198,9 +200,9 @@ def _wedges(vertices: Array, edges: IntArray, opposite: IntArray, forward: BoolA
 
 
 def _by_shell(shell: IntArray, forward: BoolArray) -> list[IntArray]:
-    """Pairs of the h faces at one edge: of each shell that has just two there, run in opposite senses.
+    """Pairs of faces at an edge of h faces: one pair for each shell with just two faces there.
 
-    A pair holds two indices (2,), 0 to h - 1.
+    The two must run the edge in opposite senses. A pair holds their indices (2,), 0 to h - 1.
 
     Args:
         shell: (h,) number of the shell of each face.

@@ -223,8 +223,8 @@ def _largest_faces(
 ) -> list[tuple[Array, float]]:
     """Planes chosen one by one, each time the one with most points that no plane chosen before contains.
 
-    A plane is left out if more than 85 % of its points belong to planes chosen before, or if it has fewer
-    points of its own than 8 or `MIN_FACE_SHARE` of the sample.
+    A plane is left out if more than 85 % of its points belong to planes chosen before, or if fewer points are
+    its own than the larger of 8 and `MIN_FACE_SHARE` of the sample.
 
     Args:
         sample: (n, 3) points [m].

@@ -98,7 +98,7 @@ def _voxelised(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxe
 
 
 class _SubcellDepths:
-    """Depths of cubes' centres and of their subcells below the surface of a model, each computed only once.
+    """Depths below a model's surface of cubes' centres and of their subcells, each computed only once.
 
     Outer walls of several thicknesses cut mostly the same cubes, and computing depths takes most of the time
     of dividing a body into cubes.
@@ -121,9 +121,10 @@ class _SubcellDepths:
         self._value, self._gradient = np.zeros((0, len(self._offsets))), np.zeros((0, len(self._offsets), 3))
 
     def of_subcells(self, cubes: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
-        """Centres (m, 3) [m, in O], depths (m,) [m] and their gradients (m, 3) of all subcells of some cubes.
+        """Centres (m, 3) [m], depths (m,) [m] and gradients (m, 3) of the depth, of all subcells of cubes.
 
-        `cubes` (n,) is True for these cubes; the subcells of each are consecutive.
+        They are in the object frame O. `cubes` (n,) is True for these cubes; the subcells of each are
+        consecutive.
         """
         new = np.flatnonzero(cubes & (self._place < 0))
         if len(new):
@@ -181,10 +182,10 @@ def _cut(
 
 
 def _centroids(moment: Array, volume: Array, otherwise: Array) -> Array:
-    """Centroids (n, 3) [m] of n parts: first moments `moment` (n, 3) over volumes `volume` (n,).
+    """Centroids (n, 3) [m] of n parts of cubes: first moments `moment` (n, 3) over volumes `volume` (n,).
 
-    The moments are in m^4, the volumes in m^3. Where a part's volume is too small, its row of the points
-    `otherwise` (n, 3) [m] is returned.
+    Both are divided by the cube's volume: the moments are in m, the volumes fractions of the cube. Where a
+    part's fraction is at most `MIN_FRACTION`, its row of the points `otherwise` (n, 3) [m] is returned.
     """
     usable = volume > MIN_FRACTION
     return np.where(usable[:, None], moment / np.where(usable, volume, 1.0)[:, None], otherwise)
