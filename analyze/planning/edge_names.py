@@ -1,4 +1,4 @@
-"""Names of edges that a person can point at, as "bottom edge, +x side", by the axes of the object file."""
+"""Names of edges that a person can point at, as "bottom edge, +x side", by the object file's axes."""
 
 from __future__ import annotations
 
@@ -20,9 +20,8 @@ def edge_names(strikes: Iterable[PlannedStrike]) -> dict[str, str]:
     """Names of the pivot edges of planned strikes, by axis id; no two are the same.
 
     An edge lies between the face underneath and the side towards which the object tips, and is named by both:
-    top and bottom are +z and -z of the object file. Of several edges with one name, as over the corners of a
-    mesh, each also gets the side underneath; if that is not enough, its position [mm] in the object file's
-    frame, or its axis id.
+    top and bottom are +z and -z of the object file. If several edges have one name, each also gets the side
+    underneath; if that is not enough, its position [mm] in the object file's frame, or its axis id.
 
     Args:
         strikes: planned strikes; several may be about one edge.

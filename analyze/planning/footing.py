@@ -1,7 +1,8 @@
 """Faces to plan on: first those on which the object surely stands, then others on which it may.
 
 On the others the object stands if its centre of mass is where it is expected; part of the region that is
-believed to hold the centre of mass lies outside their support polygon.
+believed to hold the centre of mass lies outside their support polygon (the convex outline of the contacts
+with the table).
 """
 
 # scipy is only partly typed.
@@ -43,9 +44,9 @@ def footing(
 
     Q is the region that is believed to hold the centre of mass. A plane is returned if its support polygon
     holds the projection of Q scaled by `share` about Q's centre; a share of 1 stands for all of Q (method
-    1.2). For a smaller share, planes that hold only part of Q are left out if they are facets of round
-    flanks, on which the object rolls, or have less than `STRIP_AREA_FRACTION` of the hull's area. The order
-    is that of `planes`.
+    1.2). For a smaller share, planes that hold only part of Q are left out if they are facets (flat sides of
+    the mesh) of round flanks, on which the object rolls, or have less than `STRIP_AREA_FRACTION` of the
+    hull's area. The order is that of `planes`.
 
     Args:
         model: Shape of the object.
@@ -89,7 +90,9 @@ def unsure_note(used: Sequence[RestingPlane], unsure: frozenset[str], region: Re
 
 
 def _is_round_flank(plane: RestingPlane, planes: Sequence[RestingPlane]) -> bool:
-    """True if a face has neighbours at small angles on two opposite sides, as facets of a round flank do.
+    """True if a face is one of the many flat sides (facets) by which a mesh has a round flank.
+
+    It then has neighbours at angles below `FLANK_TURN` on two opposite sides.
 
     Args:
         plane: Face to judge.

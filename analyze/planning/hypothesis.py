@@ -87,9 +87,9 @@ def paper_hypothesis(points: Array, weight: float = 1.0) -> Region:
 
     Half edges along the principal axes e are w abs(sum_{v.e<0} norm(v) - sum_{v.e>0} norm(v)) + 1 in
     millimetres, v the points relative to their mean. As printed (w = 1) the sums are not normalised, so Q
-    grows with the number of points; with w one over that number they are means, and it does not. Q is
-    clipped to the points' extent. Where eigenvalues are equal (a square base), the paper leaves the principal
-    axes open: here they are fixed as in `principal_axes`.
+    grows with the number of points; with w one over that number they are means, and it does not. Q is clipped
+    to the points' extent. Where eigenvalues are equal (a square base), the paper leaves the principal axes
+    open: here coordinate axes are projected into their common space.
 
     Args:
         points: (n, 3) surface points [m], in the object frame.

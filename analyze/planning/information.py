@@ -329,8 +329,8 @@ class Information:
 
         The squares add up to the square of the whole rms error. Sources are those of `SOURCES`, "place of the
         edges", "angle error of an axis" and, for the remainder, "noise of the angles": the strikes' noise,
-        the axes' errors of ln k (k: rate constant of the tip, theta'' = -k sin(phi - theta)), and the priors
-        of c and the inertia.
+        the axes' errors of ln k (k is the rate constant m g R / I_edge of the tip), and the priors of c and
+        the inertia.
 
         Args:
             chosen: Axes of further strikes.

@@ -1,4 +1,8 @@
-"""Check that the planned pivot edge carries the tip up to balance, and not a neighbour that lands before."""
+"""Check that an object tips over its planned pivot edge up to balance, not over one that lands before.
+
+The edge (or line of a rounding) over which the object turns at an instant carries it; the next takes over
+when it touches the table.
+"""
 
 from __future__ import annotations
 
@@ -42,12 +46,12 @@ that its balance angle needs; a strike that balances over another line is recogn
 
 
 def with_next_edge(model: ObjectModel, axis: PivotAxis, region: Region) -> PivotAxis:
-    """Copy of a pivot axis that states the edge which takes over from it as the object tips.
+    """Copy of a pivot axis with the edge that lands next as the object tips, over which it then turns.
 
-    Edges nearer than a small shift count as the same edge; the sd of the axis's place is enlarged by that
-    shift. Returned as they are: an axis on a curved flank or with a moulded rounding, on which the object
-    rolls; one whose balance angle is too large for a strike (`MAX_PHI`); and any axis if the shape has no
-    area across it.
+    Edges at most `MAX_SHIFT_M` (or the sd of the axis's place, if larger) away count as the same edge; that
+    sd is enlarged by their distance. Returned as they are: an axis on a curved flank or with a moulded
+    rounding, on which the object rolls; one whose balance angle is too large for a strike (`MAX_PHI`); and
+    any axis if the shape has no area across it.
 
     Args:
         model: Shape of the object.
@@ -87,10 +91,13 @@ def with_next_edge(model: ObjectModel, axis: PivotAxis, region: Region) -> Pivot
 
 
 def over_next_line(axis: PivotAxis) -> PivotAxis | None:
-    """Pivot axis on the line that takes over before balance, with the same placement; None if there is none.
+    """Pivot axis on the line over which the object turns at balance after its first edge; None if none.
+
+    The line has landed (taken over) before balance. The object is still placed with the first edge on the
+    mark: that edge is the result's `placed`.
 
     Args:
-        axis: Pivot axis with the edge that takes over from it.
+        axis: Pivot axis, with the edge that takes over from it.
     """
     following = axis.next_edge
     if following is None or following.carrier is None:
@@ -104,8 +111,8 @@ def over_next_line(axis: PivotAxis) -> PivotAxis | None:
 def _edge_offset(model: ObjectModel, axis: PivotAxis) -> float:
     """Distance [m] along the table from the planned edge to the corner that touches just after rest.
 
-    It is 0 unless a facet beside the resting face is so nearly parallel to it that it belongs to it, although
-    its far corner is not one of the face's.
+    It is above 0 only if a facet beside the resting face is nearly parallel to that face: after a small turn
+    the object then touches the table at the facet's far corner.
 
     Args:
         model: Shape of the object.
@@ -122,14 +129,16 @@ def _apart(line: SupportLine, other: SupportLine) -> float:
 
 
 def _firmness(axis: PivotAxis, region: Region, supports: Sequence[SupportLine], i: int) -> float:
-    """Largest scale of a region for which the line before line i still carries at balance.
+    """Largest scale of a region of centres of mass for which the line before line i carries at balance.
 
-    It carries at balance if the centre of mass is past it when line i takes over; it must be so for every
-    centre of mass in the region, scaled about its centre. Negative if it is not so for the centre itself.
+    A line carries while the object turns over it. It does so at balance if the centre of mass has passed
+    above it when line i lands, with a margin of `MARGIN_RAD` and of the error of that angle. It must be so
+    for every centre of mass in the region, scaled about its centre. Negative if it is not so for the centre
+    itself.
 
     Args:
         axis: Pivot axis.
-        region: Region believed to hold the centre of mass.
+        region: Region believed to hold the centre of mass, in the object frame.
         supports: Lines over which the object turns in succession.
         i: Index of a line, 1 or more.
     """
@@ -144,13 +153,14 @@ def _firmness(axis: PivotAxis, region: Region, supports: Sequence[SupportLine], 
 def _carrying_share(axis: PivotAxis, region: Region, supports: Sequence[SupportLine], i: int) -> float:
     """Largest scale of a region of centres of mass for which support line i carries at balance.
 
-    The centre of mass must still be behind each line before it when the next takes over from that, and past
-    this line when the next one takes over. Negative if it is not so for the region's centre, for a line that
-    rolls, and for one whose distance from the planned edge is too small to be measured.
+    A line carries while the object turns over it, until the next one lands. The centre of mass must not yet
+    have passed above any earlier line when the next one lands, and must have passed above line i when line i
+    + 1 lands. Negative if it is not so for the region's centre; -1 for an axis or line that rolls, and for a
+    line nearer than `MEASURABLE_SHIFT_M` to the planned edge.
 
     Args:
         axis: Pivot axis.
-        region: Region believed to hold the centre of mass.
+        region: Region believed to hold the centre of mass, in the object frame.
         supports: Lines over which the object turns in succession.
         i: Index of a line, 1 or more.
     """
@@ -169,7 +179,7 @@ def _carrying_share(axis: PivotAxis, region: Region, supports: Sequence[SupportL
 def next_edge_rejection(axis: PivotAxis, believed: Hypothesis) -> Rejection:
     """Rejection of a pivot axis whose next edge may land before balance, with the reason in words.
 
-    Its `number` is the tipping angle [rad] at which that edge takes over.
+    Its `number` is the tipping angle [rad] at which that edge lands.
 
     Args:
         axis: Pivot axis with a next edge.
@@ -211,7 +221,7 @@ def doubtful_note(used: Sequence[PivotAxis]) -> str:
 
 
 def taken_over_note(used: Sequence[PivotAxis]) -> str:
-    """Note that a plan uses lines that take over from the edge of placement before balance; empty if none.
+    """Note that strikes of a plan balance over a line that lands after their first edge; empty if none.
 
     Args:
         used: Pivot axes of the plan's strikes.

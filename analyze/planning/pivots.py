@@ -33,7 +33,10 @@ STEEPEST_WALL = np.radians(60.0)
 
 @dataclass(frozen=True)
 class NextEdge:
-    """Edge that takes over from the planned pivot edge as an object tips, and the room left before it does.
+    """Edge that lands next as an object tips over its planned pivot edge, and the room before it does.
+
+    When it lands it takes over: the object then turns over it. An edge carries as long as the object turns
+    over it.
 
     Q is the region believed to hold the centre of mass, in the object frame.
     """
@@ -98,7 +101,8 @@ class PivotAxis:
         """Position (3,) [m] of the object frame's origin in the world frame, with the object at rest.
 
         The centre line of the edge's rounding then lies at x = 0, z = radius (of the rounding), and `point`,
-        the axis's point on that line, at y = 0. If the line takes over from another edge, that one lies so.
+        the axis's point on that line, at y = 0. If the object is placed by another edge, from which it comes
+        to turn over this line later, that one lies so.
         """
         if self.placed is not None:
             return self.placed.p_world_object
@@ -292,8 +296,8 @@ def _moulded_radius(
 ) -> float | None:
     """Radius [m] of the rounding that the shape itself has at the edge; None if it has none.
 
-    It is None too if the resting face is a narrow facet of a round flank: in the direction of the tip its
-    width is below `FACET_WIDTH_FRACTION` of the object's longest extent.
+    It is None too if the resting face is one of the narrow flat sides of a round flank: in the direction of
+    the tip its width is below `FACET_WIDTH_FRACTION` of the object's longest extent.
 
     Args:
         model: Shape of the object.

@@ -75,10 +75,10 @@ def prepare_object(
 ) -> PreparedObject:
     """Find and check the pivot axes (edges about which it tips) of an object.
 
-    The axes belong to faces on which the object surely stands, and their edges surely carry it up to balance,
-    before the next edge touches the table. If these axes do not determine the centre of mass c, axes are
-    added from which the next line takes over before balance, then those for which the object stands
-    and the edge carries only if c is where it is expected, the surer ones first.
+    Q is the region believed to hold the centre of mass c. The axes belong to faces on which the object stands
+    for all of Q, and it balances over their edges, before the next edge lands, for the share `CARRYING_SHARE`
+    of Q. If these axes do not determine c, axes are added on lines that land before balance and over which it
+    then balances. Then the same is done for half of Q, at last for its centre alone.
 
     Args:
         model: Shape of the object.
