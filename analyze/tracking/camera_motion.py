@@ -71,7 +71,7 @@ def camera_shift(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> CameraS
 
 
 def _reduced(image: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
-    """Image reduced by a factor; `image` itself for 1."""
+    """Grey image (height, width) with both sides reduced by the factor `scale`; not scaled if it is 1."""
     if scale == 1.0:
         return np.ascontiguousarray(image)
     size = round(image.shape[1] / scale), round(image.shape[0] / scale)

@@ -101,7 +101,10 @@ class Square:
 
 @dataclass(frozen=True)
 class _EdgeFits:
-    """Fitted lines, blur and contrast of a square's four edges, with the normal equations of their fit."""
+    """Fitted lines, blur and contrast of a square's four edges, with the normal equations of their fit.
+
+    The line of an edge lies a + b t [px] outside that of its band, with t from -1 to 1 along the edge.
+    """
 
     shape: Array
     """(4, 3) offset a, tilt b and blur s of each edge [px]; s is that of lens and pixel together"""
@@ -119,7 +122,8 @@ class _EdgeFits:
 class SquareFit:
     """A marker's black square as fitted in one image, with the pixels, line and blur of each edge.
 
-    The fit in the next image starts from these pixels, lines and blurs.
+    The fit in the next image starts from these pixels, lines and blurs. The line of an edge lies a + b t [px]
+    outside that of its band, with t from -1 to 1 along the edge.
     """
 
     square: Square
@@ -366,7 +370,8 @@ def _intersect(band: EdgeBand, line: Array, covariance: Array) -> tuple[Array, A
 
     Args:
         band: the pixels, with middle, direction and length of each edge.
-        line: (4, 2) offset a and tilt b of each edge [px].
+        line: (4, 2) offset a and tilt b of each edge [px]: the line lies a + b t outside that of the band,
+            with t from -1 to 1 along the edge.
         covariance: (4, 2, 2) covariance of (a, b) [px^2].
     """
     point = band.middle + line[:, :1] * band.outward

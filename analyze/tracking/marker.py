@@ -186,8 +186,8 @@ def marker_of_other_family(image: NDArray[np.uint8], families: Sequence[TagFamil
 def is_marker(image: NDArray[np.uint8], corners_px: Array, name: int | str) -> bool:
     """True if the square with these raw corners (4, 2) shows this marker, in this orientation.
 
-    False if any cell of the marker lies outside the image, or if more cells are misread than the family
-    allows.
+    False if any cell (black or white field) of the marker lies outside the image, or if more cells are
+    misread than the family allows.
 
     Args:
         image: (height, width) grey values.

@@ -154,11 +154,11 @@ class MarkerFollower:
 
         The poses of tracks are in the camera frame. Once an expected marker is found, the markers that are
         not expected have no track, even if they were seen before. Unknown markers are those of the object's
-        families that it does not carry, seen in two full searches (in one, if there was only one frame). If
-        no marker was seen, tracks and unknown markers are empty. Times are log times [ns].
+        families that are not on it, seen in two full searches (in one, if there was only one frame). If no
+        marker was seen, tracks and unknown markers are empty. Times are log times [ns].
 
         Raises:
-            TrackingError: only markers that the object does not carry were seen, or the line time (delay from
+            TrackingError: only markers that are not on the object were seen, or the line time (delay from
                 image row to row) is too long for the frame rate.
         """
         delays_s = delays_by_frame(self._camera, self._paths.values())
@@ -362,9 +362,9 @@ def track_markers(
         empty if no marker was seen.
 
     Raises:
-        TrackingError: a marker of the object is in view twice, only markers that it does not carry are in
-            view, an image has another size than the calibration, or the line time (delay from image row to
-            row) is too long for the frame rate.
+        TrackingError: a marker of the object is in view twice, only markers that are not on it are in view,
+            an image has another size than the calibration, or the line time (delay from image row to row) is
+            too long for the frame rate.
     """
     follower = MarkerFollower(camera, markers, expected)
     for frame in frames:
