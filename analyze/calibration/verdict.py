@@ -204,8 +204,9 @@ def _tilt_advice(tilts: Sequence[float]) -> str:
 def _empty_parts(covered: Coverage) -> str:
     """Part of a sentence that names those sides of the image where the board was hardly seen.
 
-    These are the sides along which less than half of the cells contain a corner of the board. If there is no
-    such side, or if all four are: "all four corners of the image".
+    The image is divided into a grid of cells (`CELLS`). Named are the sides along which less than half of the
+    two outermost columns' or rows' cells contain a corner of the board. If there is no such side, or if all
+    four are: "all four corners of the image".
     """
     seen = covered.count > 0
     parts = {"left": seen[:, :2], "right": seen[:, -2:], "top": seen[:2], "bottom": seen[-2:]}
