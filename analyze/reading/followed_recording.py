@@ -222,7 +222,7 @@ class FollowedRecording:
         return os.pread(self._file(), size, offset)
 
     def _read_record(self, opcode: int, body: memoryview, found: list[RecordedMessage]) -> None:
-        """Take over the content of one record of the file; its messages are appended to `found`.
+        """Enter the content of one record of the file in this object; append its messages to `found`.
 
         Ground truth of a simulation (topics under /truth/) is left out.
 
