@@ -1,4 +1,4 @@
-"""Matches tips in videos with planned strikes, by the tag at rest and the edge that the object tips over.
+"""Matches tips in videos with planned strikes, by the tag at rest and the edge of the tip.
 
 The pose of the object in the camera's frame shows which side faces the camera; the line about which the
 object turns is an edge of the object, and its sense shows on which face beside that edge the object rested.
@@ -258,19 +258,25 @@ def _common_up(tips: Sequence[TipInView], choices: Sequence[Sequence[Placement]]
 
 
 def _rises(placement: Placement, view: TipView | None, up: Array) -> bool:
-    """Whether a placement's vertical, as the view shows it, is along `up` (3,) in the camera's frame."""
+    """True if the upward direction of a placement, by a view of the object, is near to the direction `up`.
+
+    Near is within `MAX_UP_ANGLE`.
+
+    `up` (3,) is in the camera's frame. False without a view.
+    """
     return view is not None and float(placement.up_in_camera(view) @ up) > math.cos(MAX_UP_ANGLE)
 
 
 def _sight(view: TipView) -> Array:
-    """Direction of sight (3,) of the camera in the object's frame O."""
+    """Unit direction (3,) in which the camera looks, in the object's frame O, with the object at rest."""
     return view.T_camera_object[2, :3]
 
 
 def _planned_sight(strike: PlannedStrike) -> Array:
-    """Direction of sight (3,) in O of a camera that looks along the edge, as planned for a strike.
+    """Unit direction (3,) of the camera's sight in a strike as planned, in the object frame O.
 
-    The camera looks along +y of W; a strike's own W is turned by its heading, and the camera is not.
+    The camera looks along +y of the world frame of a strike with heading 0. The heading is the angle by which
+    object and striker are turned about the vertical; the camera is not turned.
     """
     heading = strike.heading_rad
     return np.array(strike.R_world_object).T @ np.array([math.sin(heading), math.cos(heading), 0.0])
@@ -306,7 +312,7 @@ def _no_such_strike(
 
 
 def _nearest_axis(direction: Array) -> Array:
-    """Unit vector (3,) along the coordinate axis nearest to a direction."""
+    """Signed unit vector (3,) along the coordinate axis nearest to `direction` (3,)."""
     axis = np.zeros(3)
     largest = int(np.argmax(np.abs(direction)))
     axis[largest] = math.copysign(1.0, float(direction[largest]))
