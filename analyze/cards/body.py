@@ -1,4 +1,4 @@
-"""Drawing of the object: shaded faces from back to front, edges, and tags with their true cells."""
+"""Drawing of the object: shaded faces from back to front, edges, and tags with their true patterns."""
 
 from __future__ import annotations
 

@@ -71,7 +71,8 @@ def _edge(shape: DrawnShape, spec: ObjectSpec, strike: PlannedStrike) -> Array:
 def _azimuth(strike: PlannedStrike) -> float:
     """Azimuth [rad] of the eye, from -y towards +x: on the side of the object on which the edge is.
 
-    An upright edge has a side on its left and on its right, and is faced; of others' sides one is below.
+    An upright edge, which has a side on its left and one on its right, is seen from straight ahead; other
+    edges are seen from `FACED` (35 degrees) beside. For an edge that is on no side it is `FACED`.
     """
     tip, _, up = np.array(strike.R_world_object)
     outward = tip - up

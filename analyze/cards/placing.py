@@ -35,7 +35,7 @@ class Turn:
     angle: float
 
     def matrix(self) -> Array:
-        """Rotation matrix (3, 3) of the turn, in the world frame."""
+        """Rotation matrix (3, 3) of the turn by `angle` about z (up) of the world frame."""
         return matrix_from_vector(np.array([0.0, 0.0, self.angle]))
 
     def instruction(self) -> str:
