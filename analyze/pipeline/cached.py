@@ -55,9 +55,9 @@ class KeptEstimate:
 
 
 def cached_strike_reader(cache: ResultCache | None) -> StrikeReader:
-    """Function that reads a strike as `read_strike` does, from the cache where it is kept.
+    """Function that reads one strike (tracks its markers, fits its motion), or takes it from the cache.
 
-    Only strikes of finished and sealed recordings are kept.
+    Only strikes of recordings that are finished, sealed and undamaged are kept in the cache.
 
     Args:
         cache: cache of results; None to read every strike from its images.
@@ -68,7 +68,7 @@ def cached_strike_reader(cache: ResultCache | None) -> StrikeReader:
 def estimate_with_cache(
     cache: ResultCache | None, evidence: Evidence, options: EstimateOptions | None = None
 ) -> Estimate:
-    """Estimate as `estimate_evidence` does, from the cache where it is kept.
+    """Joint estimate from all strikes, taken from the cache if the same one was computed before.
 
     Args:
         cache: cache of results; None to compute every estimate.
@@ -124,7 +124,7 @@ def _read_strike(
 def _inputs_of_reading(
     recording: Recording, struck: StruckObject, markers: list[Marker], record: pb.StrikeRecord
 ) -> tuple[object, ...]:
-    """All that a strike's reading depends on.
+    """Values that one strike's reading depends on; together they are its key in the cache.
 
     The images are identified by the files' sealed hashes. Size and time of change of the files show whether
     one was damaged since it was sealed.
@@ -147,7 +147,9 @@ def _inputs_of_reading(
 
 
 def _inputs_of_estimate(evidence: Evidence, options: EstimateOptions) -> tuple[object, ...]:
-    """All that an estimate depends on: the evidence without names of files and program, and the options.
+    """Values that an estimate depends on: evidence without names of files and program, and options.
+
+    Together they are the estimate's key in the cache.
 
     An object file that replaces the recording's is part of the evidence.
     """

@@ -85,10 +85,11 @@ def equiplanes(
 
 
 def _with_rest_turns(planes: Sequence[EquiPlane], motions: Sequence[TipMotion]) -> tuple[EquiPlane, ...]:
-    """Equi-planes with each balance angle counted from the planned pose, not from that of the object at rest.
+    """Equi-planes with each balance angle counted from the planned pose, not from the pose at rest.
 
-    Unchanged if no two strikes show how their poses at rest differ. What remains uncertain of the turns at
-    rest is in `EquiPlane.phi_by_rest`.
+    An equi-plane passes through a strike's pivot line and the centre of mass. The planes are unchanged if no
+    two strikes show how their poses at rest differ. What remains uncertain of the turns at rest is in
+    `EquiPlane.phi_by_rest`.
 
     Args:
         planes: one per motion.
@@ -110,9 +111,10 @@ def with_edge(plane: EquiPlane, evidence: Evidence) -> EquiPlane:
 
     An equi-plane is the plane through the pivot line and the centre of mass. Names of faces are those of the
     shape's resting faces, whatever the plan called them, so that a face has one place error both where the
-    object rests on it and where it rises from the edge. The line of a strike that balanced over the next line
-    has the error of its own facets, not that of the planned edge. A flank on which the contact rolls is
-    returned unchanged: its radius is that of the shape's section.
+    object rests on it and where it rises from the edge. If the object balanced over another line of the shape
+    than the planned edge, the error of the place is that of this line. An edge that is rounded in the shape
+    itself gets the prior alone, without names of faces. The plane of a strike in which the contact rolled on
+    a curved flank is returned unchanged.
 
     Args:
         plane: equi-plane of one strike, in the object frame O.
@@ -180,7 +182,7 @@ def _is_rounded_in_shape(model: ObjectModel, plane: EquiPlane, corner: Array) ->
 
 
 def _face_at(model: ObjectModel, corner: Array, outward: Array) -> str:
-    """Id of the shape's resting face that passes through a point and has the given normal; "" if none does.
+    """Id of the shape's resting face through a point that has the given normal; "" if there is none.
 
     Args:
         model: shape of the object.
@@ -201,10 +203,10 @@ def systematic_errors(evidence: Evidence) -> SystematicErrors:
     """Standard deviations of errors that strikes share: shape scale, place of faces, edge radius, tilt.
 
     They are taken from `evidence`. Those of scale (relative), faces [m] and edge radius [m] are the object
-    file's; an equi-plane whose edge has a radius of its own (`with_edge`) states that one's errors. Each
-    levelling (set-up of the table) has one unknown tilt [rad] against gravity. Where the manifest (the
-    recording's metadata) holds the reading of a level (the instrument), the tilt is that reading within its
-    sd; otherwise 0 within the sd that the manifest states.
+    file's; the plane of a strike over an edge with a radius of its own (`EquiPlane.radius_prior`) states that
+    one's errors. Each levelling (set-up of the table) has one unknown tilt [rad] against gravity. Where the
+    manifest (the recording's metadata) holds the reading of a level (the instrument), the tilt is that
+    reading within its sd; otherwise 0 within the sd that the manifest states.
     """
     levels = levelling_indices(evidence.recordings)
     tilts = {level: each.manifest for level, each in zip(levels, evidence.recordings, strict=True)}

@@ -304,8 +304,8 @@ def _labelled_parts(
     """Masses [kg] of the parts that the object file labels; None if it labels none, or labels a filling.
 
     They are estimated from the measured moments, `inertial`, and the errors of the shape in `solution`, the
-    joint solution of all strikes. The parts are closed bodies of the mesh if the
-    labels name bodies, otherwise the shell and layers made of `cells`.
+    joint solution of all strikes. The parts are closed bodies of the mesh if the labels name bodies,
+    otherwise the shell and layers made of `cells`, the pieces that the body is divided into.
 
     Raises:
         ShapeError: a label names a part that the shape does not have, or two layers overlap.

@@ -195,8 +195,8 @@ class Evidence:
     def planned(self, motion: TipMotion) -> PlannedStrike:
         """Planned strike (rest pose, pivot edge, direction on the table) that led to a recorded motion.
 
-        If another line of the shape took over from the planned edge before balance, and the strike counts for
-        it, that line stands in place of the edge, under a name of its own.
+        If the object balanced over another line of its shape than the planned edge, and the strike counts for
+        that line, the line stands in place of the edge, under a name of its own.
 
         Raises:
             StopIteration: the plan holds no strike with the id that the motion names.

@@ -81,7 +81,8 @@ def read_open_head(recording: Recording) -> RecordingHead:
 def placed_markers(spec: ObjectSpec) -> list[Marker]:
     """Markers (square tags) of the object: name, edge length [m], and pose in the object frame O.
 
-    The pose is None where the object file does not give it.
+    The pose is None where the object file does not give it. The 1 sigma of a marker's place [m] and turn
+    [rad] on the object is that of the object file, or else a default.
     """
     return [
         Marker(

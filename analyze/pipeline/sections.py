@@ -1,4 +1,4 @@
-"""Outline on which an object rolls in one strike, its support lines, and the angle at which it lands."""
+"""Outline or lines over which an object turns in one strike, and angle at which its next face lands."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ def rolling_outline(model: ObjectModel, planned: PlannedStrike) -> SupportFuncti
 def next_face_angle(model: ObjectModel, planned: PlannedStrike) -> float | None:
     """Tipping angle [rad] from which the object's next face may land on the table after balance, or None.
 
-    If another edge takes over from the planned one before the predicted balance, it is the face that lands
-    while the object turns over that edge.
+    If another edge lands before the predicted balance, so that the object turns over it from then on, it is
+    the face that lands while it does so.
 
     Args:
         model: the object's exterior, in the object frame O.
@@ -86,9 +86,10 @@ def strike_supports(model: ObjectModel, planned: PlannedStrike) -> tuple[Support
         planned: rest pose and pivot of the strike.
 
     Returns:
-        The lines, ordered by the tipping angle [rad] at which each takes over. Their places [m] are those at
-        rest, from the centre line of the planned pivot's rounding: horizontally in the direction of the tip,
-        and upwards. None if the object rolls mainly on a curved flank, or if the outline has no area.
+        The lines, ordered by the tipping angle [rad] at which each lands and the object begins to turn over
+        it. Their places [m] are those at rest, from the centre line of the planned pivot's rounding:
+        horizontally in the direction of the tip, and upwards. None if the object rolls mainly on a curved
+        flank, or if the outline has no area.
     """
     section = _across(model, planned)
     if section is None or is_curved(section, planned.phi_predicted_rad):
