@@ -112,14 +112,16 @@ def read_own_object(path: Path, seed: int, truth_path: Path | None, folder: Path
             simulate the object.
     """
     given = read_given_truth(truth_path)
-    text, tagless = _read_object_text(path)
+    text, notes = _without_edges(_read_object_text(path), path)
+    tagless = "marker" not in tomllib.loads(text)
     rng = np.random.default_rng((seed, 0x0B7EC7))
-    object_path, notes = path, []
-    if tagless:
+    object_path = path
+    if tagless or notes:
         object_path = folder / "object.toml"
         _copy_shape(text, path, object_path)
-        object_path.write_text(text + tag_entries([]), encoding="utf-8")
-        exterior = _exterior(object_path, folder, str(path))
+        object_path.write_text(text + (tag_entries([]) if tagless else ""), encoding="utf-8")
+    exterior = _exterior(object_path, folder, str(path))
+    if tagless:
         size = _USUAL_TAG_M * max(1.0, _view_distance(exterior.extent) / DISTANCE_M)
         places = tag_places(exterior.triangles, size)
         if not places:
@@ -134,10 +136,7 @@ def read_own_object(path: Path, seed: int, truth_path: Path | None, folder: Path
             f"{path.name} lists no tags: {counted(len(places), 'tag', 'is')} glued on, of"
             f" {' and '.join(sizes)} mm"
         )
-    else:
-        exterior = _exterior(path, folder, str(path))
     spec = _parse(text, str(path))
-    _refuse_unlike_edges(spec, path)
     spec, glued = with_places(spec, exterior.triangles, rng)
     virtual = _virtual_object(spec, text, exterior, given, rng)
     distance = virtual.camera_distance_m
@@ -151,20 +150,59 @@ def read_own_object(path: Path, seed: int, truth_path: Path | None, folder: Path
     return OwnObject(virtual, object_path, (*exterior.notes, *notes, *glued))
 
 
-def _read_object_text(path: Path) -> tuple[str, bool]:
-    """Text of an object file, and whether it lists no tags at all.
+def _read_object_text(path: Path) -> str:
+    """Text of an object file.
 
     Raises:
         ConfigError: the file is missing or is not TOML.
     """
     try:
         text = read_text(path)
-        data = tomllib.loads(text)
+        tomllib.loads(text)
     except DocumentError as error:
         raise ConfigError(str(error)) from None
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"{path}: not valid TOML: {error}") from None
-    return text, "marker" not in data
+    return text
+
+
+def _without_edges(text: str, path: Path) -> tuple[str, list[str]]:
+    """Text of an object file without its [[edge]] entries, and a note if there were any.
+
+    The virtual rig rounds all edges alike; plan and analysis then use the file without the entries.
+
+    Args:
+        text: valid TOML.
+        path: the object file, for messages.
+
+    Raises:
+        ConfigError: the entries cannot be found in the text.
+    """
+    named = tomllib.loads(text).get("edge")
+    if not isinstance(named, list) or not named:  # a wrong type is reported with the whole file
+        return text, []
+    # An entry ends at the next header. In a multi-line string a line may look like one: then nothing fits.
+    kept: list[str] = []
+    inside = False
+    for line in text.splitlines(keepends=True):
+        if line.lstrip().startswith("["):
+            inside = "".join(line.split()).startswith("[[edge]]")
+        if not inside:
+            kept.append(line)
+    rest = "".join(kept)
+    expected = {name: value for name, value in tomllib.loads(text).items() if name != "edge"}
+    try:
+        found = tomllib.loads(rest)
+    except ValueError:
+        found = {}
+    if found != expected:
+        raise ConfigError(
+            f"{path}: the virtual rig rounds all edges alike: take the edge entries out of a copy"
+        )
+    edges = ", ".join(str(each.get("id", "?")) for each in named if isinstance(each, dict))
+    return rest, [
+        f"the virtual rig rounds all edges alike: the [[edge]] entries of {path.name} are left out: {edges}"
+    ]
 
 
 def _parse(text: str, name: str) -> ObjectSpec:
@@ -172,19 +210,6 @@ def _parse(text: str, name: str) -> ObjectSpec:
         return parse_object_spec(text, name)
     except DocumentError as error:
         raise ConfigError(str(error)) from None
-
-
-def _refuse_unlike_edges(spec: ObjectSpec, path: Path) -> None:
-    """Refuse an object of which some edges have a radius of their own.
-
-    Raises:
-        ConfigError: the object file has [[edge]] entries.
-    """
-    if spec.edge:
-        raise ConfigError(
-            f"{path}: the virtual rig rounds all edges alike: leave the [[edge]] entries out "
-            f"({', '.join(edge.id for edge in spec.edge)}), in a copy of the file"
-        )
 
 
 def _copy_shape(text: str, path: Path, target: Path) -> None:

@@ -87,6 +87,18 @@ def test_tags_without_a_place_are_glued_on_where_the_file_does_not_know(tmp_path
     assert "glued on where the file does not know: 3, 9" in thing.notes[-1]
 
 
+def test_edges_with_a_radius_of_their_own_are_left_out_with_a_note(tmp_path: Path) -> None:
+    edges = (
+        '[[edge]]  # measured\nid = "p0e1"\nradius_m = 0.003\n\n [[ edge ]]\nid = "p4e0"\nradius_m = 0.0\n'
+    )
+    thing = own(tmp_path, HEAD + TAGS + edges + BOX)
+    assert thing.notes[0].endswith("the [[edge]] entries of my thing (1).toml are left out: p0e1, p4e0")
+    spec = read_object_spec(thing.object_path)
+    assert thing.object_path != tmp_path / "my objects [v2]" / "my thing (1).toml"
+    assert (spec.edge, len(spec.marker), thing.virtual.spec.edge) == (None, 2, None)
+    assert len(read_object_spec(own(tmp_path, HEAD + BOX + edges).object_path).marker) == 6
+
+
 def test_seed_draws_what_the_file_leaves_open(tmp_path: Path) -> None:
     one, again, other = (own(tmp_path, HEAD + BOX, seed).virtual for seed in (1, 1, 2))
     assert np.array_equal(one.body.com_object, again.body.com_object)
@@ -135,7 +147,10 @@ def test_truth_that_cannot_be_is_refused(tmp_path: Path, truth: str, reason: str
         (HEAD + "[shape]\nbox = { size_m = [80, 60, 120] }\n", "120 m"),
         (HEAD + '[shape]\nfile = "gone.stl"\nunit = "mm"\n', "gone.stl: the shape file cannot be read"),
         (HEAD + '[shape]\nfile = "../cup.stl"\nunit = "mm"\n', "into the folder of the object file"),
-        (HEAD + TAGS + '[[edge]]\nid = "p0e1"\nradius_m = 0.003\n' + BOX, r"rounds all edges alike.*p0e1"),
+        (
+            'edge = [{ id = "p0e1", radius_m = 0.003 }]\n' + HEAD + BOX,
+            "rounds all edges alike: take the edge",
+        ),
         (
             HEAD + "edge_radius_m = 0.01\n[shape]\nbox = { size_m = [0.08, 0.06, 0.02] }\n",
             "too thin for edges",
