@@ -70,7 +70,7 @@ class StrikerRefused(StrikerError):
 
 
 class StrikerStopped(StrikerRefused):
-    """The striker was stopped on request; nothing moves until it is homed again.
+    """The striker was stopped on request; nothing moves until a person homes it or starts a session.
 
     Args:
         text: message; the default advises to home the striker.

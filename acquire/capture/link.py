@@ -64,7 +64,8 @@ class CaptureStatus:
     last_frame_age_s: float | None
     """time since the newest frame was read [s]; None before the first frame"""
     error: str
-    """most recent problem; empty if there is none"""
+    """problem of the recorder, of a small message or of the camera, whichever comes first in this list; empty
+    if there is none"""
     warnings: tuple[str, ...]
     """limitations of the camera"""
 
@@ -270,7 +271,7 @@ class CaptureProcess:
         """Ask the process for the health of camera and recorder, and return it.
 
         Returns:
-            Frame rate, losses, bytes that wait for the disk, state of the recording, most recent problem.
+            Frame rate, losses, bytes that wait for the disk, state of the recording, and a problem if any.
 
         Raises:
             CameraError: the camera was not started.

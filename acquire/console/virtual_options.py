@@ -17,7 +17,9 @@ class _ObjectName(click.ParamType):
     name = "NAME|FILE"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return the value, if it can be one of the two.
+        """Return the value if it is the name of an object that comes with the program, or an object file.
+
+        An object file is a path that ends in .toml or exists.
 
         Raises:
             click.BadParameter: it is neither.

@@ -86,7 +86,7 @@ class LiveRecording:
     # --- open and close ---
 
     def open(self, owner: object, params: dict[str, Any], camera: CameraInfo) -> SessionManifest:
-        """Open a recording and return its manifest (object, plan, camera and clock of the session).
+        """Open a recording and return its manifest (object, hash of the plan, camera and clock).
 
         Args:
             owner: client that opens it.

@@ -1,4 +1,4 @@
-"""Manifest of a recording: object, plan, rig, camera and clock at its beginning."""
+"""Manifest of a recording: object, hash of the plan, rig, camera and clock at its beginning."""
 
 from __future__ import annotations
 

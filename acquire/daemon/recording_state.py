@@ -21,7 +21,7 @@ class RecordingState:
     path: Path
     """first file of the recording"""
     manifest: SessionManifest
-    """object, plan, camera and clock, as written at the head of every file"""
+    """object, hash of the plan, camera and clock, as written at the head of every file"""
     attachments: list[tuple[str, str, bytes]]
     """files attached to the recording: (name, media type, content) of each"""
     owner: object

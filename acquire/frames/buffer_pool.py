@@ -58,7 +58,7 @@ class BufferPool:
 
     @property
     def reserve(self) -> int:
-        """Number of free buffers in the reserve, from which borrowed buffers are replaced."""
+        """Number of free buffers that can replace borrowed ones (kept until their pixels are on the disk)."""
         return len(self._reserve)
 
     def address(self, slot: int) -> int:
@@ -126,7 +126,8 @@ class PooledBuffer:
     Args:
         pool: owner of the buffer.
         slot: number of the buffer in the pool.
-        borrowed: True if the buffer was taken from the pool's reserve, for a copy of the frame.
+        borrowed: True if the buffer was taken from the pool's reserve, for a copy of the frame; it returns
+            there on release.
     """
 
     __slots__ = ("_pool", "borrowed", "slot")

@@ -27,7 +27,7 @@ def free_bytes(folder: Path) -> int:
 
 @dataclass(frozen=True)
 class DiskSpace:
-    """Check of the free space on the disk of one folder, before a recording or window begins."""
+    """Check of the free space on the disk of one folder, before a recording or a strike's window begins."""
 
     folder: Path
     """existing folder on the disk"""

@@ -47,7 +47,7 @@ class WindowReport:
 
 @dataclass(slots=True)
 class DelayedFrame:
-    """A frame in the recorder's queue of recent frames, which may still become part of a window."""
+    """A frame in the queue of recent frames, which may become part of a window (time span of a strike)."""
 
     frame: Frame
     has_image: bool
@@ -148,7 +148,7 @@ class FrameRecorder(ABC):
 
     @property
     def error(self) -> RecorderError | None:
-        """RecorderError that says why the file accepts no more images; None while it accepts them."""
+        """Reason why the file accepts no more images, as a RecorderError; None while it accepts them."""
         return self._path.error
 
     def add(self, frame: Frame) -> None:
@@ -240,7 +240,8 @@ class FrameRecorder(ABC):
     def close(self) -> None:
         """Take no more frames, and write the images and frame metadata that wait for the disk.
 
-        Images that are held in memory only in case a window opens are not written. Safe to call twice.
+        Images that are held in memory only in case a window (time span of a strike) opens are not written.
+        Safe to call twice.
         """
         with self._lock:
             if not self._ending:
@@ -252,7 +253,7 @@ class FrameRecorder(ABC):
         """Host monotonic time [ns] of the latest mid-exposure that still belongs to a strike's window.
 
         The window is the time span whose images are recorded. The time is its end if it is closing, else
-        `max_window_s` after its start.
+        `max_window_s` after it was opened, which is `pre_trigger_s` after its start.
         """
         return window.start_ns + self._max_window_ns if window.end_ns is None else window.end_ns
 
@@ -275,15 +276,16 @@ class FrameRecorder(ABC):
     def _delay(self, delayed: DelayedFrame) -> None:
         """Append a frame outside of any window to the delay line, and drop frames older than `pre_trigger_s`.
 
-        The delay line is the queue of recent frames. Called with the lock held.
+        A window is the time span of one strike, the delay line the queue of recent frames. Called with the
+        lock held.
         """
 
     @abstractmethod
     def _claim(self, start_ns: int) -> Iterable[DelayedFrame]:
         """Take the frames of an opening window from the queue of recent frames.
 
-        Images and meta that are not recorded yet are recorded. The queue is empty afterwards. Called with the
-        lock held.
+        Images and meta (FrameMeta messages) that are not recorded yet are recorded. The queue is empty
+        afterwards. A window is the time span of one strike. Called with the lock held.
 
         Args:
             start_ns: start of the window, host monotonic time [ns].

@@ -30,7 +30,7 @@ class BorrowedRun(NamedTuple):
 
     @property
     def own_bytes(self) -> int:
-        """Number of bytes that are copied: those before, between and after the images' borrowed pages."""
+        """Number of bytes that are copied: those around the pages of images in borrowed camera buffers."""
         return len(self.lead) + sum(map(len, self.following))
 
 

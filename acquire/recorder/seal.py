@@ -8,7 +8,7 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Seal:
-    """Result of finishing a recording file: its path, content id, number of messages and size."""
+    """Result of finishing a recording file: path, content id (hash), number of messages and size."""
 
     path: Path
     content_id: str

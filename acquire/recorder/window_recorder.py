@@ -67,8 +67,8 @@ class WindowRecorder(FrameRecorder):
     def _reclaim_buffer(self) -> None:
         """Free the image buffer of the oldest frame that has one, to make room for a new frame.
 
-        That frame and all older ones leave the delay line (queue of recent frames). Their meta is written if
-        it is still missing in the file; the image in the freed buffer is lost.
+        That frame and all older ones leave the delay line (queue of recent frames). Their meta (FrameMeta
+        messages) are written if still missing in the file; the image in the freed buffer is lost.
         """
         with self._lock:
             while self._line and not self._line[0].held:

@@ -375,7 +375,7 @@ class McapWriter:
     # --- helper thread ---
 
     def _flush_regularly(self) -> None:
-        """Hand small messages to the file every `flush_s` and make the disk write, until the file ends."""
+        """Every `flush_s` hand messages other than images to the file and make the disk write, to its end."""
         while True:
             self._wake.wait(self._flush_s)
             with self._lock:

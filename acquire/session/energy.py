@@ -211,8 +211,8 @@ class EnergyLearner:
         """Fit the model of striker and object to all observations: set its posterior's mode and covariance.
 
         Damped Gauss-Newton steps start from the last mode. The first iterations weight all measurements
-        fully: otherwise an object or striker far from the prior would make every measurement an outlier and
-        could never be learned.
+        fully: otherwise an object or striker far from the prior (the plan's assumption) would make every
+        measurement an outlier and could never be learned.
         """
         z = self._mode
         residual = self._residuals(z[None])[0]

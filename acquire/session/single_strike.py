@@ -56,7 +56,7 @@ def held_striker(client: DaemonClient) -> Iterator[None]:
 def strike_once(
     client: DaemonClient, name: str, tip_speed_m_s: float, confirm: Confirm, *, after_stop: bool = True
 ) -> StrikeOutcome:
-    """Make one strike: ask the person, home if necessary, arm, cock and strike.
+    """Make one strike: ask the person, home if necessary, arm, cock (draw the arm back) and strike.
 
     Args:
         client: client of the daemon.

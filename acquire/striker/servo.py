@@ -124,7 +124,10 @@ class Servo:
             raise
 
     def close(self) -> None:
-        """Release the port and end the dead man's switch; the torque stays as it is. Always safe."""
+        """Release the port, and end the process that would switch the torque off if this one dies.
+
+        The torque stays as it is. Always safe.
+        """
         dead_man, self._dead_man = self._dead_man, None
         if dead_man is not None:
             dead_man.dismiss()

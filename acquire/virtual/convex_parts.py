@@ -50,7 +50,7 @@ class ConvexParts:
         """Numbers of the parts in an order in which no part hides one before it.
 
         Args:
-            viewer: (3,) position from which the parts are seen [m, in O].
+            viewer: (3,) position from which the parts are seen [m, in O, the object's frame].
             is_whole: called with the number of a plane; True if the parts that it divides count as one. In
                 the result it then has the plane's number plus the number of parts.
         """
@@ -70,7 +70,7 @@ class ConvexParts:
         return order
 
     def below(self, plane: int) -> list[int]:
-        """Numbers of all parts that the plane with the given number, and those under it, divide."""
+        """Numbers of all parts in the branch of the tree that begins at the plane with the given number."""
         found: list[int] = []
         waiting = [plane]
         while waiting:

@@ -23,10 +23,11 @@ class TruthLump(Document):
 
 
 class GivenTruth(Document):
-    """Hidden properties of a virtual object; what is left out is drawn from the seed.
+    """Hidden properties of a virtual object; most that are left out are drawn from the seed.
 
-    If any mass is given, all of them count as given: the rest of the object's mass is spread uniformly over
-    the interior.
+    A shell thickness or edge radius that is left out is taken from the object file if stated there. If any
+    mass is given, those left out are 0, and the rest of the object's mass is spread uniformly over the
+    interior.
     """
 
     by_hand: ClassVar[bool] = True
@@ -72,7 +73,7 @@ class _TruthFile(Document):
 
 
 def read_given_truth(path: Path | None) -> GivenTruth:
-    """Read and validate a truth file (TOML); None gives no property at all.
+    """Read and validate a truth file (TOML); without a file (None) no property is given.
 
     Raises:
         ConfigError: the file is missing, is not TOML, or holds an entry that cannot be used.

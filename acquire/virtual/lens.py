@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
 
 class Lens:
-    """Projection of points in W, the world frame, to pixels of a station's camera.
+    """Projection of points in W, the world frame, to pixels of the virtual camera.
 
     Args:
-        station: camera matrix, distortion and pose.
+        station: the camera's matrix, distortion and pose.
     """
 
     def __init__(self, station: Station) -> None:
@@ -31,7 +31,7 @@ class Lens:
         Integer coordinates are pixel centres. With x, y the point's coordinates over its depth in the
         camera's frame and r^2 = x^2 + y^2, distortion gives
         x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), and y' by exchanging x with y and
-        p1 with p2 (OpenCV calib3d, after D. Brown, 1966). k1, k2, p1, p2, k3 are the station's distortion.
+        p1 with p2 (OpenCV calib3d, after D. Brown, 1966). k1, k2, p1, p2, k3 are the camera's distortion.
         """
         camera = (points_world - self.p_world_camera) @ self.R_camera_world.T
         x, y = camera[..., 0] / camera[..., 2], camera[..., 1] / camera[..., 2]

@@ -159,8 +159,8 @@ def load_object(name: str, seed: int) -> VirtualObject:
 def hull_corners(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Corners (h, 3) of the convex hull of points (n, 3) [any unit of length].
 
-    Neighbouring facets whose normals differ by less than 0.5 degrees count as one face; a point on no edge
-    between two faces is no corner.
+    Neighbouring triangles of the hull whose normals differ by less than 0.5 degrees count as one face; a
+    point on no edge between two faces is no corner.
     """
     hull = ConvexHull(points)
     normals = hull.equations[:, :3]

@@ -4,7 +4,8 @@ The daemon is the process that runs the rig; its prompts ask a person to place t
 The placing has a person's accuracy: yaw and position of the object and the striker's stand are off by a
 little each time. A prompt for a strike with the object turned about the vertical is answered with a refusal,
 because the virtual striker stands on one side only. Not modelled: a wrong face, an object that slips from the
-hand, an operator who forgets. In a rehearsal it only places the object, and a person answers the prompts.
+hand, an operator who forgets. In a rehearsal it only places the object, and a person answers the prompts
+(except those that are refused).
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ class VirtualOperator:
         daemon_socket: path of the daemon's socket.
         world: client of the virtual world's control socket.
         seed: seed of the placing errors.
-        answers: True to answer the prompts; False to place only, and leave the answer to a person.
+        answers: True to answer the prompts; False to place only, and leave the answer to a person. Prompts
+            for strikes with the object turned about the vertical are refused in either case.
 
     Raises:
         DaemonError: no daemon takes the connection.

@@ -137,7 +137,7 @@ def _given_weights(
 
     Args:
         given: content of the truth file.
-        points: (n, 3) points spread uniformly inside the object [m, in O].
+        points: (n, 3) points spread uniformly inside the object [m, in O, the object's frame].
         regions: which points belong to shell, upper and lower part.
         mass_kg: mass of all points together [kg].
 

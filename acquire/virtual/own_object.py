@@ -275,9 +275,9 @@ def _view_distance(extent: NDArray[np.float64]) -> float:
 
 
 def _camera_distance(spec: ObjectSpec, extent: NDArray[np.float64]) -> float:
-    """Distance of the camera from the pivot line [m]: the usual one, or as size and tags ask.
+    """Distance of the camera from the line about which the object tips [m], from its size and its tags.
 
-    Small tags bring it nearer, but never so near that the object is no longer seen as a whole.
+    It is the usual one, or nearer for small tags, but never so near that the object is not seen as a whole.
 
     Args:
         spec: content of the object file, with the tags' sizes.
@@ -368,7 +368,8 @@ def _refuse_round_edges(virtual: VirtualObject) -> None:
     """Refuse an object too thin for its edge radius.
 
     Raises:
-        ConfigError: nothing is left of the object when its faces are moved inwards by the radius.
+        ConfigError: 2.2 times the radius reaches the object's smallest extent, or nothing is left of the
+            object when its faces are moved inwards by the radius.
     """
     try:
         fits = 2.2 * virtual.edge_radius_m < float(np.ptp(virtual.mesh_vertices, axis=0).min())

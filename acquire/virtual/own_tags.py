@@ -45,7 +45,7 @@ def with_places(
     """Object file with a place for every tag: those without one are glued to free sides of the object.
 
     They are shifted by up to 2 mm and turned by up to 6 degrees, as by hand. A tag for which there is no room
-    is left out.
+    is left out; if no tag has a place in the end, all stay without one.
 
     Args:
         spec: content of the object file.

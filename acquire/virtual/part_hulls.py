@@ -45,7 +45,7 @@ class PartHull:
     """(f,) True for faces that do not lie on the parts everywhere"""
 
     def is_like_parts(self, viewer: NDArray[np.float64]) -> bool:
-        """True if the hull looks like the parts.
+        """True if the hull over several parts shows the same image as these parts, seen from `viewer`.
 
         Args:
             viewer: (3,) position of the camera in O, the object's frame [m].
@@ -55,17 +55,19 @@ class PartHull:
 
     @property
     def share(self) -> float:
-        """Share of 26 directions from which the hull looks like the parts, seen from afar."""
+        """Fraction of 26 directions from which, seen from afar, the hull over parts looks like the parts."""
         seen = self.group.face_normal[self.bridges] @ _DIRECTIONS.T > 0
         return float(np.mean(~seen.any(axis=0)))
 
 
 def hull_over(parts: Sequence[NDArray[np.float64]], members: Sequence[int]) -> PartHull:
-    """Hull over some of a body's convex parts.
+    """Convex hull over some of a body's convex parts, with its faces that bridge hollows between them.
+
+    A face bridges a hollow if points of it lie more than 0.4 mm outside all parts of the body.
 
     Args:
         parts: corners (c, 3) of every part of the body [m].
-        members: numbers of the parts to cover. What another part fills is no bridge.
+        members: numbers of the parts to cover.
     """
     corners = parts[members[0]]
     if len(members) > 1:
@@ -89,7 +91,8 @@ def merged_tree(parts: Sequence[NDArray[np.float64]], tree: NDArray[np.float64])
 
     Args:
         parts: corners (c, 3) of each part [m].
-        tree: (k, 4) planes as in `ConvexParts`.
+        tree: (k, 4) planes, like the result: axis (0 to 2), offset [m], and what lies below and above the
+            plane: the number of another plane, or -1 - i for part i.
     """
     low, high = (np.array([end(part, axis=0) for part in parts]) for end in (np.min, np.max))
     planes = np.unique(tree[:, :2], axis=0)

@@ -3,7 +3,8 @@
 The virtual world writes the poses of object and arm; the camera process reads them.
 
 Layout (little-endian, 8-byte cells): magic, capacity, count, 5 spare; then `capacity` stamps (int64 ns); then
-`capacity` rows of 11 float64: p_world_object (3), q_world_object wxyz (4), arm angle, arm axis in W (3).
+`capacity` rows of 11 float64, in W, the world frame: p_world_object (3), q_world_object wxyz (4), arm angle,
+arm axis (3).
 `count` is the number of poses written so far; pose i is in slot i mod capacity. The writer fills the slot,
 then raises `count` with one aligned store; a reader takes `count` before and after, and repeats the reading
 if the writer could have overwritten it meanwhile. Not modelled: reordering on machines with a weaker memory

@@ -152,7 +152,7 @@ def _kept_object(devices: Devices, folder: Path) -> Path:
         folder: folder for the files; created if missing.
 
     Raises:
-        ConfigError: a file that is not ours is in the way.
+        ConfigError: an object file that `acquire virtual` did not write, or another shape file, is there.
     """
     folder.mkdir(parents=True, exist_ok=True)
     made = devices.object_path
@@ -186,7 +186,7 @@ def _refuse_other_file(path: Path) -> None:
 
 
 def _place_for_a_look(world: OperatorLink, virtual_object: VirtualObject) -> None:
-    """Put the object over W's origin with the largest tag of its upright sides towards the camera."""
+    """Put the object over the world frame's origin, the largest tag of its upright sides to the camera."""
     tags = [
         (marker.size_m, np.array(marker.T_object_marker)[:3, 2])
         for marker in virtual_object.spec.marker

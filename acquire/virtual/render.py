@@ -42,7 +42,7 @@ _STILL_PX, _STEP_PX, MAX_SUBEXPOSURES = 0.15, 0.8, 4
 
 
 class Renderer:
-    """Renderer of one object and the striker's arm in front of one station's camera.
+    """Renderer of one object and the striker's arm in front of the virtual camera.
 
     It redraws only what changed since the last frame. Not thread-safe; OpenCV's threads should be off in its
     process.

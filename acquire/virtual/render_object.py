@@ -203,9 +203,10 @@ class ObjectPainter:
 
     @staticmethod
     def _part_below(T_object_marker: NDArray[np.float64], parts: tuple[FaceGroup, ...]) -> int:
-        """Number of the convex part on which a card lies: one has a face there that looks the card's way.
+        """Number of the convex part on which a tag's card lies.
 
-        Where parts meet, several touch the card's middle.
+        Where several parts touch the card's middle, it is the one with a face there whose normal is closest
+        to the card's.
 
         Args:
             T_object_marker: (4, 4) pose of the card in O, the object's frame [m].

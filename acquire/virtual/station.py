@@ -40,8 +40,8 @@ class Station:
 def station(seed: int, distance_m: float = DISTANCE_M) -> Station:
     """True camera calibration and pose of the virtual rig with a seed: nearly the nominal ones.
 
-    The nominal camera is at (0.03, -0.55, 0.08) m in W, the world frame (pivot line along y, z up, tips
-    towards +x), and looks along +y, the pivot line; in the plane y = 0 it has 2.6 px/mm. The seed shifts it
+    The nominal camera is at (0.03, -0.55, 0.08) m in W, the world frame (z up; objects tip about the y axis,
+    the pivot line, towards +x), and looks along +y; in the plane y = 0 it has 2.6 px/mm. The seed shifts it
     by up to 2 mm and turns it by up to 0.3 degrees, per axis, and changes principal point (up to 4 px) and
     distortion. At another distance the nominal position is scaled, so that the field of view grows with it.
 
@@ -75,7 +75,7 @@ def calibration_sheet(
 
     Args:
         seed: seed of the camera's calibration and pose.
-        distance_m: nominal distance of the camera from the pivot line [m].
+        distance_m: nominal distance of the camera from the line about which objects tip [m].
         arm_inertia_kg_m2: moment of inertia of the striker's arm about its hinge [kg m2].
     """
     rig = station(seed, distance_m)

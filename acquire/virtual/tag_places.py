@@ -57,7 +57,7 @@ def _place_on_side(
     """Place for the largest tag on one side of an object; None if there is none.
 
     Args:
-        triangles: (n, 3, 3) corners of the surface's triangles [m, in O].
+        triangles: (n, 3, 3) corners of the surface's triangles [m, in O, the object's frame].
         side: (3,) unit vector out of the object, along an axis.
         largest_m: largest edge of a tag's black square [m].
     """

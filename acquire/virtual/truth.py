@@ -18,7 +18,7 @@ def merge_truth(recording: Path, truth_file: Path, since_ns: int = 0) -> None:
     """Append the messages of a truth file (true mass properties, poses, contacts) to a finished recording.
 
     The log time of poses and contacts is world time (host monotonic) plus the recording's offset from it to
-    wall time; that of the mass properties is the first message's.
+    wall time; the mass properties get that of the first pose or contact.
 
     Args:
         recording: path of the recording, which is rewritten.
@@ -39,7 +39,7 @@ def _messages(truth_file: Path, anchor_ns: int, since_ns: int) -> Iterator[tuple
     """Yield the messages of a truth file as topic, log time [ns] and bytes; the mass properties come last.
 
     The log time is wall time: world time (host monotonic) plus `anchor_ns`, wall time minus host monotonic
-    time [ns]. The mass properties get the log time of the first message, or `anchor_ns` if there is no other.
+    time [ns]. The mass properties get the log time of the first pose or contact; `anchor_ns` without any.
     Messages of a world time before `since_ns` are left out.
     """
     first_ns = 0

@@ -2,8 +2,8 @@
 
 Its contents are merged into the recording later (`truth.merge_truth`).
 
-Layout: a varint length and a TruthBody (mass properties, station); then any number of (kind byte, varint
-length, protobuf message), kind 1 = TruthPose, 2 = TruthContact.
+Layout: a varint length and a TruthBody (mass properties, friction, table tilt, camera pose, seed); then any
+number of (kind byte, varint length, protobuf message), kind 1 = TruthPose, 2 = TruthContact.
 """
 
 from __future__ import annotations

@@ -53,7 +53,8 @@ _DROP_M = 0.0001
 class World:
     """Physics of object, table and striker's arm, stepped by `step_to`. Not thread-safe: one loop owns it.
 
-    At the start the object stands on the table in the pose of its shape file, at W's origin.
+    At the start the object stands on the table, turned as in its shape file, with the file's origin on the z
+    axis of W (the world frame: z up, table at z = 0).
 
     Args:
         virtual_object: the object.
@@ -117,7 +118,7 @@ class World:
         because the stand is moved in after the object.
 
         Args:
-            R_world_object: (3, 3) rotation from O, the object's frame, to W.
+            R_world_object: (3, 3) rotation from O, the object's frame, to W, the world frame.
             p_world_object: (3,) position of the object's origin in W [m]; z is replaced.
             impact_point_world: (3,) point on the object's surface in W [m]; the tip moves along +x there.
 

@@ -57,7 +57,7 @@ class WorldProcess:
 
     Args:
         virtual_object: the object.
-        seed: seed of station and servo noise, also written to the truth file.
+        seed: seed of servo noise and of the camera's calibration and pose; also written to the truth file.
         folder: folder for files and sockets.
         clock_ns: function that returns the world's time [ns], that of CLOCK_MONOTONIC.
         table_tilt: (2,) rotation of gravity about x and y of W, the world frame [rad].

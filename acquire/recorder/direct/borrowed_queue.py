@@ -55,7 +55,7 @@ class BorrowedQueue(FramePath):
         self._thread.start()
 
     def take(self, frame: Frame) -> bool:
-        """Queue a frame, borrowing its buffer, and write the queued frames if a batch of them is due.
+        """Queue a frame, borrow (keep) its camera buffer, and write the queued frames if a batch is due.
 
         A batch is due with BATCH_FRAMES frames in the queue, or BATCH_NS after the last one began (in times
         of exposure). The call does not wait for the disk, except up to LATE_FRAME_TIMEOUT_S while the queue
@@ -142,7 +142,7 @@ class BorrowedQueue(FramePath):
         return True
 
     def _write_images(self, frames: list[Frame]) -> bool:
-        """Write images from borrowed buffers, or drop them: release the buffers and count the images.
+        """Write images from borrowed camera buffers, or drop them: release the buffers, count the images.
 
         They are dropped after an error other than DiskBehind, now or earlier.
 

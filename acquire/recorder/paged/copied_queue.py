@@ -133,8 +133,8 @@ class CopiedQueue(FramePath):
         """Wait for frames, and take those that are written together from the queue.
 
         Returns:
-            Frames to write, with or without image and meta: at least one, at most `_batch_frames`; an empty
-            list once the queue is closed and empty.
+            Frames to write, with or without image and meta (FrameMeta message): at least one, at most
+            `_batch_frames`; an empty list once the queue is closed and empty.
         """
         with self._change:
             self._writing = False

@@ -23,7 +23,7 @@ from schemas.topics import TRUTH_PREFIX, Topic
 
 
 def read_manifest(path: Path) -> SessionManifest:
-    """Manifest of a finished recording: object, plan, camera and clock of its session.
+    """Manifest of a finished recording: object, hash of the plan, camera and clock of its session.
 
     Raises:
         RecorderError: the recording is missing, cut short, or holds no manifest that this version reads.

@@ -53,7 +53,7 @@ class RecoverReport:
     lasts_s: float = 0.0
     """time from the first saved message to the last, by their log times [s]"""
     has_manifest: bool = False
-    """True if the manifest (object, plan, camera and clock of the session) was saved"""
+    """True if the manifest (object, hash of the plan, camera and clock of the session) was saved"""
     content_id: str = ""
     """hash of the saved messages"""
 
