@@ -134,7 +134,7 @@ def _hint(
 
 
 def _known_keys(table: Path, model: type[BaseModel]) -> str:
-    """Keys that a table may have, as "[shape] takes file, unit, box and cylinder"."""
+    """Keys that a table may have, as "[shape] takes file, unit, box and cylinder"; "" if they are many."""
     *names, last = model.model_fields
     if len(names) >= MAX_KNOWN_KEYS:
         return ""

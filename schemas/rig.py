@@ -124,9 +124,9 @@ class StrikerConfig(Document):
 class RecorderConfig(Document):
     """Settings of the recorder: which frames are kept, format, size and number of files, disk reserve.
 
-    In mode "windows" the frames of strike windows (time spans around strikes) are kept, with previews between
-    them; in mode "continuous" all frames. The metadata of every frame (FrameMeta messages) are always
-    recorded.
+    In mode "windows" the frames of strike windows (time spans around strikes) are kept, with previews (single
+    images) between them; in mode "continuous" all frames. The metadata of every frame (FrameMeta messages)
+    are always recorded.
     """
 
     directory: str = Field(

@@ -132,9 +132,10 @@ class ManifestCamera(SparseDocument):
 
 
 class SessionManifest(Document):
-    """Head of every recording (MCAP metadata `percuss.manifest`): everything needed to interpret it later.
+    """Head of every recording (MCAP metadata `percuss.manifest`): description of how it was made.
 
-    It holds identity and clocks of the recording, gravity, the cameras, the striker, the rig and the object.
+    It holds identity and clocks of the recording, gravity, the cameras, the striker, the rig, the object, and
+    the hash of the plan, which is an attachment.
     """
 
     schema_version: str = SCHEMA_VERSION

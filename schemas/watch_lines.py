@@ -27,7 +27,7 @@ class WatchEvent(Document):
 
     The error of the placement is the angle [rad] between the object's pose at rest and the planned one.
 
-    `analyze watch` sends it a few times a second before a strike.
+    `analyze watch` sends it up to twelve times a second.
     """
 
     kind: Literal["watch"] = "watch"
