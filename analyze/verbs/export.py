@@ -50,7 +50,8 @@ def export(
 ) -> None:
     """Write the body for a simulator or ROS: shape, mass, centre of mass and inertia.
 
-    Each file is read back and compared before it is put in place. A layout for Foxglove has no body.
+    Each file is read back and compared before it is put in place. A layout for Foxglove has no body: it is
+    made for one recording, and not read back.
 
     FILE: recordings of one object, or the output of `analyze estimate --json` together with --object.
     """

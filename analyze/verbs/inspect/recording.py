@@ -51,10 +51,10 @@ def inspect_recording(path: Path, progress: Progress | None = None) -> dict[str,
 
 
 def _inspect(path: Path, progress: Progress | None) -> dict[str, Any]:
-    """Inspect the existing file `path`, as `inspect_recording` does.
+    """Contents, health and, if it has one, session of the existing file `path`, as JSON values.
 
     Raises:
-        RecordingError: as in `inspect_recording`.
+        RecordingError: the file is not MCAP, is a damaged recording, or is still empty and growing.
         OSError: the file has vanished.
     """
     before = path.stat() if path.exists() else None

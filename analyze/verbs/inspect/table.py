@@ -74,7 +74,10 @@ def _write_health(problems: Sequence[str], write: Any) -> None:
 
 
 def _state(found: dict[str, Any]) -> str | tuple[str, str]:
-    """Whether the file is complete, cut short or being written, with a style if it is not complete."""
+    """Text on the state of the file: complete, intact (planned strikes are missing), cut short or growing.
+
+    With a style if the file is cut short or still being written.
+    """
     if found["growing"]:
         return "still being written", "bold yellow"
     if not found["complete"]:

@@ -1,4 +1,4 @@
-"""Strikes by hand, filmed by a phone: where it stands for its lens, and what a hand can do."""
+"""Strikes by hand, filmed by a phone: placement of the phone, and the limits of a hand as a striker."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ MIDDLE_X, MIDDLE_Z = 0.1, 0.45
 def phone_bench(camera_path: Path, model: ObjectModel, bench: Bench) -> Bench:
     """Bench (striker, camera, friction, gravity) of strikes by hand, with the lens of a camera file.
 
-    A camera file with T_world_camera keeps its pose; otherwise the camera looks along the pivot line from
-    where the object, tipping on any face, just fills the image.
+    A camera file with T_world_camera keeps its pose; otherwise the camera looks along y of the world frame,
+    the line about which objects tip, from where the object, tipping on any face, just fills the image.
 
     Args:
         camera_path: camera file (of `analyze calibrate -o`, OpenCV, Kalibr or ROS).
@@ -46,7 +46,7 @@ def phone_bench(camera_path: Path, model: ObjectModel, bench: Bench) -> Bench:
 
 
 def _pose_before(model: ObjectModel, camera: CameraModel) -> Array:
-    """Pose (4, 4) in W [m] of a camera from which the object, tipping on any face, fills the image."""
+    """Camera's pose (4, 4) [m] in the world frame: an object that tips on any face just fills the image."""
     length = float(pdist(model.hull_vertices).max())
     across, down = camera.K[0, 0] / camera.width, camera.K[1, 1] / camera.height
     # From the nearest end of the object, which lies half its length before the mark at most.

@@ -282,8 +282,8 @@ def is_implausible(table: TablePlace) -> bool:
 def _views(evidence: Evidence, exclude: frozenset[str]) -> tuple[list[StrikeView], list[LeftOut]]:
     """Marker corners of the strikes to estimate from, at rest and tipping; and the strikes not used.
 
-    A strike is used if it is not excluded, the object was placed as planned and not turned on the table, and
-    a marker is seen at rest.
+    A strike is used if it is not excluded, the plan does not turn the object about the vertical, the tip
+    balanced over the planned edge, and a marker is seen at rest.
 
     Args:
         evidence: motions and tracks of all strikes.
