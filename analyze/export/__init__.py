@@ -1,1 +1,1 @@
-"""Export of shape and inertial parameters for simulators as URDF, SDF, MJCF or USD, with a check."""
+"""Export of an estimated body as URDF, SDF, MJCF, USD, ROS message or Gazebo model; Foxglove layouts."""

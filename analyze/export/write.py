@@ -94,7 +94,9 @@ def _write_folder(body: ExportBody, output: Path) -> list[Path]:
         The folder, then the mesh if there is one.
 
     Raises:
-        ExportError, OutputError: as `write_body`.
+        ExportError: the library that reads the format is missing, cannot read the files, or does not find the
+            same mass, centre of mass and inertia.
+        OutputError: a file cannot be written, or the folder holds other files than a model's.
     """
     refuse_other_folder(output)
     try:
