@@ -101,7 +101,7 @@ def read_animated_strike(
     Args:
         recording: open recording.
         strike_id: id of the strike; None for the first one that tipped the object over, by its measured
-            motion.
+            motion. Strikes judged good while recording are tried before the others.
         object_path: object file that replaces the recording's; None for the recording's.
         progress: called with (name of the step, units of work done, units in all).
 
@@ -217,7 +217,9 @@ def _lines(
     shown: TipAngle,
     phi: float,
 ) -> list[FrameLines]:
-    """Lines of the object in each frame, without tags; all as `fitted`.
+    """Lines over the image of each frame: outline, pivot axis, line to the balance, vertical; no tags.
+
+    All are marked as `fitted`; the caller corrects that.
 
     Args:
         model: exterior of the object.
@@ -257,7 +259,7 @@ def _balance_line(
     shown: TipAngle,
     phi: float,
 ) -> tuple[Array, Array]:
-    """Line fixed to the object that stands upright over the contact at balance, hence holds c.
+    """Line fixed to the object, upright over the contact at balance, hence through the centre of mass.
 
     Args:
         model: exterior of the object.

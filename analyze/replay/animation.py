@@ -60,7 +60,10 @@ def animate_strike(
 
 
 def speed_text(time_ns: IntArray) -> str:
-    """Speed at which pictures of these times (n,) [ns] are shown: "1/5 speed", or "twice the speed"."""
+    """Speed at which pictures of these times (n,) [ns] are shown, as text such as "1/5 speed".
+
+    "full speed" from 2/3 of the true speed on; "still picture" for fewer than two pictures.
+    """
     if len(time_ns) < 2:
         return "still picture"
     slowing = 1e9 / RATE_HZ / float(np.median(np.diff(time_ns)))

@@ -70,7 +70,7 @@ def write_animation(pictures: Pictures, output: Path, progress: Progress, max_by
     The quality is the best one with which the file is not larger than `max_bytes`, or the least.
 
     Args:
-        pictures: RGB pictures (height, width, 3) of one size with even numbers, at least one.
+        pictures: RGB pictures (height, width, 3), at least one; all of one size, height and width even.
         output: the file, which appears complete or not at all.
         progress: called with (name of the step, units of work done, units in all).
         max_bytes: greatest size [bytes].

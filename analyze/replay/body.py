@@ -46,7 +46,7 @@ class SceneInputs:
     plan: StrikePlan
     """strike plan of the recording"""
     camera: CameraModel
-    """first camera, with its pose in the world frame W of a strike of heading 0"""
+    """first camera, with its pose in the world frame W of a strike whose object is not turned on the table"""
     markers: tuple[Marker, ...]
     """markers on the object"""
 
@@ -63,7 +63,7 @@ class SceneInputs:
 
 
 def flat_mesh(model: ObjectModel, colour: tuple[int, int, int, int]) -> rr.Mesh3D:
-    """Mesh of the exterior in O [m] with flat shaded faces, in one colour (RGBA, 0 to 255)."""
+    """Mesh of the exterior in the object frame O [m], faces flat shaded in one colour (RGBA, 0 to 255)."""
     corners = model.vertices[model.faces].reshape(-1, 3)
     normals = np.repeat(np.cross(corners[1::3] - corners[::3], corners[2::3] - corners[::3]), 3, axis=0)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
@@ -159,7 +159,7 @@ def _edge_labels(stream: rr.RecordingStream, root: str, model: ObjectModel, answ
 
 
 def _name_of_centre(answer: DrawnAnswer, reach: float) -> Array:
-    """Place (3,) [m] in O of the name of the centre of mass, above it; `reach` is the object's extent [m]."""
+    """Place (3,) [m] above the centre of mass for its name, in the object frame; `reach`: extent [m]."""
     return answer.com.position + np.array([0.0, 0.0, 2.2 * _CROSS_HALF_LENGTH * reach])
 
 

@@ -62,10 +62,10 @@ def send_pictures(
     contact_ns: int | None,
     choice: ImageChoice,
 ) -> None:
-    """Send images to a replay in batches as they are read.
+    """Send images to a replay in batches as they are read, at about 60 Hz unless all are chosen.
 
-    About ten images before the contact, or all with `choice.every_frame`, are sent a second time without
-    encoding, to `<path>_before`.
+    All are sent with `choice.every_frame`. About ten images before the contact, or all with
+    `choice.every_frame`, are sent a second time without encoding, to `<path>_before`.
 
     Args:
         timelines: the replay's data stream to the viewer or file, with its time axes.

@@ -75,8 +75,8 @@ def send_strike_inside(
 ) -> None:
     """Add the estimate to a strike's scene: equi-plane, centre of mass with its path, interior regions.
 
-    The equi-plane passes through the strike's pivot line and the centre of mass. Nothing is sent for a strike
-    without a tipping angle at two or more frames, or one that the plan lacks.
+    The equi-plane contains the centre of mass and the axis about which the strike tips the object. Nothing is
+    sent for a strike without a tipping angle at two or more frames, or one that the plan lacks.
 
     Args:
         timelines: timelines of the stream.
@@ -144,8 +144,8 @@ def _over_image(
 ) -> None:
     """Send the pivot axis and the object at the fitted angle, as lines over the strike's images.
 
-    Only the axis is sent without a fit, or if the fit has fewer than three frames or no rate constant k (of
-    the motion theta'' = -k sin(phi - theta)).
+    Only the axis is sent without a fit, or if the fit has fewer than three frames or no rate constant k of
+    the motion theta'' = -k sin(phi - theta), theta the tipping angle, phi the balance angle.
     """
     camera = body.camera_of(planned)
     rest = overlay.pose_at_rest(planned, tracks, body.markers, camera, contact_ns)

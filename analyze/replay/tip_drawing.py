@@ -154,7 +154,7 @@ class TipDrawing:
         self._at_balance: list[Artist] = [mark]
 
     def _passage_ms(self) -> float | None:
-        """Time since contact [ms] at which the fitted angle first reaches φ; None if it never does."""
+        """Time since contact [ms] at which the fitted angle reaches the balance angle φ; None if never."""
         fitted, phi = self._strike.fitted, self._strike.fit.phi
         above = np.flatnonzero(fitted.theta >= phi)
         if not len(above):

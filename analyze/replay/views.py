@@ -46,8 +46,8 @@ class DrawnRegion:
 class DrawnAnswer:
     """Parts of an estimate that a replay draws: equi-planes, centre of mass, mass regions, voxels, result.
 
-    An equi-plane, one per strike, passes through the strike's pivot line and the centre of mass. Mass regions
-    are the shell and the interior on either side of a plane; voxels are cells with their densities.
+    An equi-plane, one per strike, contains the axis about which the object tips, and the centre of mass. Mass
+    regions are the shell and the interior on either side of a plane; voxels are cells with their densities.
     """
 
     result: Result
@@ -93,9 +93,9 @@ class FittedCurves(MotionCurves):
 def drawn_answer(estimate: Estimate) -> DrawnAnswer:
     """Take from an estimate what a replay draws: equi-planes, centre of mass, mass regions, voxels.
 
-    An equi-plane passes through a strike's pivot line and the centre of mass. Mass regions are the shell
-    (outer wall) and the interior on either side of a plane; of each at most 700 cells (small pieces) are
-    taken, at random. The Result document (JSON) of the estimate is added.
+    An equi-plane contains the axis about which a strike tips the object, and the centre of mass. Mass regions
+    are the shell (outer wall) and the interior on either side of a plane; of each at most 700 cells (small
+    pieces) are taken, at random. The Result document (JSON) of the estimate is added.
     """
     distribution, cells = estimate.distribution, estimate.cells
     upper = cells.points @ distribution.dividing_plane_normal > distribution.dividing_plane_offset
@@ -250,7 +250,7 @@ def plane_section(model: ObjectModel, point: Array, normal: Array, margin: float
 
     Args:
         model: exterior of the object.
-        point: (3,) point on the plane, in O [m].
+        point: (3,) point on the plane, in O, the object's frame [m].
         normal: (3,) unit normal of the plane, in O.
         margin: factor by which the polygon is enlarged about its centre.
 

@@ -100,8 +100,8 @@ def no_answer_text(name: str, problems: Sequence[str]) -> str:
 def strike_text(motion: TipMotion) -> str:
     """Text of a strike's page: verdict, fits with 95 % intervals, residual and energy ratio.
 
-    Fits, residual and energy ratio (kinetic energy over the energy needed to tip) are left out where there
-    is no fit.
+    Fits that do not exist are left out; residual and energy ratio (kinetic energy over the energy needed to
+    tip), too, without a fit or a ratio.
     """
     verdict = motion.verdict.value.replace("_", " ")
     lines = [f"**{as_written(motion.strike_id)}: {verdict}.** {message(motion.reason)}", ""]
