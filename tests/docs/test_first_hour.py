@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 
 from tests import make_phone_videos as renderer
+from tests.docs import newcomer_files
 from tests.docs.pages import DOCS, snippets
 from tests.docs.phone_videos import TEABOX, write_boards, write_strikes
 from tests.places import ROOT
@@ -46,15 +47,18 @@ NOT_RUN = {
     ("docs/how-to/plan.md", "analyze estimate teabox.mcap more.mcap"): NEEDS_A_RIG,
     (ANYWHERE, "acquire .*|analyze .*(--rig|first.mcap) .*"): NEEDS_A_RIG,
     ("docs/how-to/archive.md", "analyze batch 's3://.*"): "needs a bucket",
-    ("docs/how-to/calibrate-camera.md", "analyze calibrate images/.*"): NEEDS_OTHER_FILES,
     ("docs/how-to/frame-rate.md", "analyze .*"): NEEDS_OTHER_FILES,
-    ("docs/how-to/gravity.md", "analyze gravity .*"): NEEDS_OTHER_FILES,
     ("docs/how-to/import-topics.md", "analyze import .*"): NEEDS_OTHER_FILES,
     ("docs/how-to/import-videos.md", "analyze import session.mp4 .*"): NEEDS_OTHER_FILES,
-    ("docs/how-to/parts.md", "analyze estimate hammer.mcap .*"): NEEDS_OTHER_FILES,
     ("docs/how-to/install.md", "podman .*"): "needs a builder: tests/docs/test_containers.py",
 }
 """why lines of a page (regular expression, whole line without its comment) are not run"""
+GIVEN = {
+    "docs/how-to/calibrate-camera.md": newcomer_files.write_board_images,
+    "docs/how-to/gravity.md": newcomer_files.write_plumb_line,
+    "docs/how-to/parts.md": newcomer_files.write_labelled_object,
+}
+"""files that a page takes for granted, besides those of the phone tutorial"""
 RIG = next(body for body in snippets(DOCS / "how-to" / "rig.md", "toml") if "[camera]" in body)
 SHELL = """\
 set -euo pipefail
@@ -253,6 +257,8 @@ def test_a_how_to_guide_runs_as_printed(page: str, project: Path, phone: Path) -
     (project / "rig.toml").write_text(RIG, encoding="utf-8")
     if page == "docs/how-to/several-sessions.md":
         give_sessions(project)
+    if page in GIVEN:
+        GIVEN[page](project)
     remove_outputs(lines, project)
     run(lines, project)
 
