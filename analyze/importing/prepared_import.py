@@ -101,10 +101,20 @@ class PreparedImport:
         return [
             *lens,
             *self.camera_remarks,
+            *self._unplaced_tags(),
             *self._other_rates(),
             *self._slow_motion(),
             *_merged_remarks(self.sources),
         ]
+
+    def _unplaced_tags(self) -> Iterator[str]:
+        """Yield a remark if no tag has a place on the object, by which videos would be recognised."""
+        if all(marker.T_object_marker is None for marker in self.object.spec.marker):
+            yield (
+                "the object file has no place of a tag (T_object_marker), so that no video is checked "
+                "against its strike: `analyze register` finds the places, and names a strike that was placed "
+                "otherwise"
+            )
 
     def _slow_motion(self) -> Iterator[str]:
         """Yield a remark if all sources are videos and the first one's rate is low, as of slow motion.

@@ -24,6 +24,7 @@ from schemas.document import canonical_json
 from schemas.object_spec import parse_object_spec
 from schemas.strike_plan import StrikePlan, parse_strike_plan
 from tests.analyze.estimation.bodies import box_body, planned_strike
+from tests.analyze.importing import tip_videos
 from tests.analyze.importing.tip_videos import setting, tip, write_video
 from tests.analyze.importing.tipped_boxes import angles, images, picture, strikes, write_videos
 
@@ -101,6 +102,15 @@ def test_session_video_with_fewer_strikes_than_planned_is_matched(tmp_path):
     path = write_video(tmp_path / "a.mp4", tip(), crf="10")
     with prepare(ImportOptions((path,), *setting(tmp_path, ("s1", "s2"), placed=False))) as prepared:
         assert [window.strike_id for window in prepared.windows] == ["s1.1"]
+
+
+def test_tags_without_places_are_reported_with_the_command_that_finds_them(tmp_path, monkeypatch):
+    unplaced = re.sub(r"(?m)^T_object_marker.*\n", "", tip_videos.OBJECT)
+    monkeypatch.setattr(tip_videos, "OBJECT", unplaced)
+    path = write_video(tmp_path / "IMG_0001.mp4", tip())
+    with prepare(ImportOptions((path,), *setting(tmp_path))) as prepared:
+        assert prepared.assignment is Assignment.ORDER
+        assert any("`analyze register` finds the places" in remark for remark in prepared.remarks())
 
 
 # --- thirty sets, as poses with a hand's and a phone's errors
