@@ -69,7 +69,7 @@ class OwnObject:
     virtual: VirtualObject
     """the object with its hidden properties"""
     object_path: Path
-    """object file: the user's own, or one with tags added"""
+    """object file: the user's own, or a copy with tags added or [[edge]] entries left out"""
     notes: tuple[str, ...]
     """lines for the user: repairs of the shape, tags that were added, the camera's distance"""
 
@@ -104,8 +104,8 @@ def read_own_object(path: Path, seed: int, truth_path: Path | None, folder: Path
         path: object file (TOML), with its shape file beside it.
         seed: seed of what the file leaves open.
         truth_path: truth file (TOML) with hidden properties; None to draw all of them.
-        folder: folder for files that are made: the exterior, and the object file with tags if the user's has
-            none.
+        folder: folder for files that are made: the exterior, and a copy of the object file if tags are added
+            or its [[edge]] entries left out.
 
     Raises:
         ConfigError: the object file, its shape or the truth file cannot be used, or the virtual rig cannot
