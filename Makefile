@@ -14,7 +14,7 @@ OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(basename $(notdir $(OBJECT)))-$(SEED).mcap
 
-.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-checks bench-honesty bench-batch bench-import protos lock clean
+.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-honesty bench-batch bench-import protos lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -163,6 +163,10 @@ bench-estimate: setup  ## CPU time from theta(t) of nine strikes to all results,
 bench-replay: setup  ## a ten-minute, 1 GB session replayed: until the first strike is seen, memory, beside rerun's own MCAP loader (three minutes)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.replay
 
+SESSION ?=
+bench-cache: setup  ## estimate, report, export and replay of one recording, the first and the second time (SESSION=recordings/demo-carton-1.mcap) (a minute)
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.cached_commands $(SESSION)
+
 bench-energy: setup  ## the energy loop in the virtual rig's physics, 4 objects x 20 seeds: strikes to the first tip, E afterwards (ten minutes)
 	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.energy
 
@@ -184,7 +188,6 @@ bench-import: setup  ## the same strikes live and as H.264, FFV1, MJPEG, PNG (SE
 	@$(if $(SESSION),PYTHONPATH=. OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.imported_codecs $(SESSION))
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.importing
 
-SESSION ?=
 bench-tags: setup  ## tag angles and frames per second beside plain OpenCV; sessions' speed (SESSION=recordings/demo-carton-1.mcap) (four minutes)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.tags $(if $(SESSION),--session $(SESSION))
 

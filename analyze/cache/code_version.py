@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -22,6 +23,12 @@ EXCEPTIONS = ("analyze/batch/analysis.py", "analyze/batch/sparse_copy.py", "anal
 """modules in the folders `WITHOUT_EFFECT` that nevertheless affect the results"""
 LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "trimesh", "av", "laspy", "manifold3d")
 """libraries that compute results, or decode the images and shapes that these come from"""
+PAGE_FOLDERS = ("analyze/cards", "analyze/report/templates")
+"""folders without effect on results, but on the pages that show them"""
+PAGE_SUFFIXES = (".py", ".html", ".css")
+"""suffixes of the files in these folders that count"""
+PAGE_LIBRARIES = ("matplotlib", "jinja2", "markupsafe")
+"""libraries that draw plots and fill templates"""
 
 
 @cache
@@ -38,13 +45,28 @@ def hash_of_code() -> str:
 
     Modules without effect on the results (commands, cards, replays) are left out.
     """
+    files = [path for package in _PACKAGES for path in sorted((_ROOT / package).rglob("*.py"))]
+    names = {path: path.relative_to(_ROOT).as_posix() for path in files}
+    counted = [
+        path for path in files if names[path] in EXCEPTIONS or not names[path].startswith(WITHOUT_EFFECT)
+    ]
+    return _hash_of(counted, LIBRARIES)
+
+
+def hash_of_pages() -> str:
+    """Hash (16 hexadecimal digits) of what pages are made with besides the code that computes results.
+
+    These are templates, drawings of objects, and the libraries of plots and templates.
+    """
+    files = [path for folder in PAGE_FOLDERS for path in sorted((_ROOT / folder).rglob("*"))]
+    return _hash_of([path for path in files if path.suffix in PAGE_SUFFIXES], PAGE_LIBRARIES)
+
+
+def _hash_of(files: Iterable[Path], libraries: Iterable[str]) -> str:
     digest = hashlib.sha256()
-    for package in _PACKAGES:
-        for path in sorted((_ROOT / package).rglob("*.py")):
-            name = path.relative_to(_ROOT).as_posix()
-            if name in EXCEPTIONS or not name.startswith(WITHOUT_EFFECT):
-                digest.update(f"{name}\n".encode() + path.read_bytes())
-    for library in LIBRARIES:
+    for path in files:
+        digest.update(f"{path.relative_to(_ROOT).as_posix()}\n".encode() + path.read_bytes())
+    for library in libraries:
         digest.update(f"{library} {_version_of(library)}\n".encode())
     return digest.hexdigest()[:16]
 

@@ -78,8 +78,8 @@ class _Names(dict[str, Any]):
     """Names of a module, and those of other modules of the package where it has none of that name."""
 
     def __missing__(self, name: str) -> Any:
-        for module in list(sys.modules.values()):
-            if getattr(module, "__name__", "").startswith("analyze.") and name in vars(module):
+        for known, module in list(sys.modules.items()):
+            if known.startswith("analyze.") and name in vars(module):
                 return vars(module)[name]
         raise KeyError(name)
 

@@ -89,7 +89,7 @@ def estimate_with_cache(
 
     kept = cache.get(
         KeptEstimate,
-        _inputs_of_estimate(evidence, options),
+        inputs_of_estimate(evidence, options),
         f"estimate of {evidence.spec.name} from {counted(len(evidence.motions), 'strike')}",
         compute,
         {Evidence: evidence, EstimateOptions: options},
@@ -146,7 +146,7 @@ def _inputs_of_reading(
     )
 
 
-def _inputs_of_estimate(evidence: Evidence, options: EstimateOptions) -> tuple[object, ...]:
+def inputs_of_estimate(evidence: Evidence, options: EstimateOptions) -> tuple[object, ...]:
     """Values that an estimate depends on: evidence without names of files and program, and options.
 
     Together they are the estimate's key in the cache.

@@ -28,12 +28,12 @@ def estimate(
     voxels: Path | None,
 ) -> None:
     """Estimate centre of mass, moments of inertia and region masses from recordings of one object."""
-    from analyze.report.summary import render_summary
-    from analyze.report.voxel_map import write_voxels
-
     refuse_outputs([voxels], files)
     answer = estimate_files(files, object_file, exclude, no_cache)
     if voxels is not None:
+        # Loads the library of plots.
+        from analyze.report.voxel_map import write_voxels
+
         write_voxels(answer.estimate.voxels, voxels)
         cells, directions = len(answer.estimate.voxels.points), answer.estimate.voxels.directions
         click.echo(
@@ -44,4 +44,6 @@ def estimate(
     if as_json:
         click.echo(answer.json())
     else:
+        from analyze.report.summary import render_summary
+
         render_summary(answer)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from analyze.verbs.estimate_files import compare_files, estimate_files
-from analyze.verbs.options import files_argument, one_line, path_option, with_estimate_options
+from analyze.verbs.options import chosen_cache, files_argument, one_line, path_option, with_estimate_options
 from analyze.verbs.outputs import refuse_outputs
 
 if TYPE_CHECKING:
@@ -112,18 +112,27 @@ def _answer(
     The formats are an HTML page, CSV tables and JSON. If all recordings are virtual, the HTML and JSON
     contain the errors against their ground truth.
     """
-    from analyze.report.report import answer_summary, write_report
-    from analyze.report.report_document import report_json
-    from analyze.report.report_tables import report_tables
+    # The code's version is read before the code is loaded.
+    cache = chosen_cache(no_cache)
+    answer = estimate_files(files, object_file, exclude, no_cache)
+    from analyze.report.kept_page import write_report_with_cache
     from analyze.result.score import score_if_virtual
 
-    answer = estimate_files(files, object_file, exclude, no_cache)
     score = score_if_virtual(files, answer)
-    return _Page(
-        lambda output: write_report(answer, output, score),
-        lambda: report_tables(answer),
-        lambda: report_json(answer, answer_summary(answer), score),
-    )
+
+    # What loads the library of plots is imported only where it is used.
+    def tables() -> list[CsvTable]:
+        from analyze.report.report_tables import report_tables
+
+        return report_tables(answer)
+
+    def json() -> str:
+        from analyze.report.report import answer_summary
+        from analyze.report.report_document import report_json
+
+        return report_json(answer, answer_summary(answer), score)
+
+    return _Page(lambda output: write_report_with_cache(answer, output, score, cache), tables, json)
 
 
 def _comparison(
