@@ -409,6 +409,8 @@ class EquiPlane:
     which the object is put down turned; None where no such error acts"""
     by_radius: tuple[float, float] = (0.0, 0.0)
     """errors of phi [rad/m] and k [rad/s^2/m] per metre by which the radius exceeds `edge_radius`"""
+    rest_turn: float = 0.0
+    """turn of the object at rest towards the tip [rad], added to the measured balance angle to give `phi`"""
     phi_by_rest: Array | None = None
     """(n,) change of phi [rad] by 1 sd of each of the n errors of the turns at rest of all strikes, which
     markers show; None where no marker shows them"""

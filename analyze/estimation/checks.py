@@ -46,7 +46,7 @@ class LeaveOneOut:
     strike_id: str
     """Id of the strike."""
     phi: float
-    """Predicted phi [rad]."""
+    """Predicted phi [rad], from the pose in which the object rested."""
     phi_off: float
     """Measured minus predicted phi [rad]."""
     phi_sd: float
@@ -140,7 +140,7 @@ def leave_one_out(solution: JointSolution) -> tuple[LeaveOneOut, ...]:
         found.append(
             LeaveOneOut(
                 strike_id=plane.strike_id,
-                phi=plane.phi + float(off[0]),
+                phi=plane.phi - plane.rest_turn + float(off[0]),
                 phi_off=-float(off[0]),
                 phi_sd=float(sd[0]),
                 k_off=-float(off[1]) if uses_k else None,
@@ -210,7 +210,7 @@ def _judged_again(solution: JointSolution, linear: LeaveOneOut, index: int, refi
     off = float(model.residual(x)[index])
     return replace(
         linear,
-        phi=model.planes[index].phi + off,
+        phi=model.planes[index].phi - model.planes[index].rest_turn + off,
         phi_off=-off,
         phi_sd=float(sd[0]),
         k_off=float(solution.data.log_k[index] - log_k[index]) if uses_k else None,

@@ -102,7 +102,7 @@ def _with_rest_turns(planes: Sequence[EquiPlane], motions: Sequence[TipMotion]) 
     for plane, turn, by in zip(planes, turns.mean.tolist(), turns.root, strict=True):
         phi = plane.phi + turn
         normal = equiplane_normal(plane.direction, plane.up, phi)
-        found.append(replace(plane, phi=phi, normal=normal, phi_by_rest=by))
+        found.append(replace(plane, phi=phi, normal=normal, rest_turn=turn, phi_by_rest=by))
     return tuple(found)
 
 

@@ -75,6 +75,9 @@ def test_poses_at_rest_that_markers_show_are_corrected_and_reported():
     assert assessment(careless)[0].startswith("trust the centre of mass")
     assert np.linalg.norm(careless.com.position - clean.com.position) < 2.5e-4
     assert np.trace(careless.com.covariance) < 6 * np.trace(clean.com.covariance)
+    measured = {motion.strike_id: motion.fit.phi for motion in motions}
+    for each in careless.checks.left_out:
+        assert each.phi + each.phi_off == pytest.approx(measured[each.strike_id])
     codes = {each.code for each in result_document(careless).warnings}
     assert WarningCode.REST_TURNED in codes
     assert WarningCode.STRIKES_SCATTER not in codes
