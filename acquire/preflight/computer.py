@@ -80,7 +80,7 @@ class Route:
 
 
 class Computer:
-    """Linux computer that this program runs on.
+    """Linux computer that this program runs on: its serial ports, network and folders, for the checks.
 
     Args:
         sys: root of the tree /sys; a test passes its own.

@@ -237,7 +237,8 @@ class Servo:
     def require_sample(self) -> Sample:
         """Read the arm's angle [rad], velocity [rad/s] and motor current [A], with the times of the reading.
 
-        A failed reading is repeated for half a second, at least three readings in all.
+        The angle is 0 at the impact point and positive towards the object. A failed reading is repeated for
+        half a second, at least three readings in all.
 
         Returns:
             The first reading that succeeds.

@@ -195,7 +195,8 @@ def cubic_splines(
 
     Args:
         time: (n,) times [s].
-        start: start of the knots [s]; spline i (from 0) ends KNOT_SPACING_S * (i + 1) after it.
+        start: knot [s] at which the interval that the splines cover begins; spline i (from 0) extends from
+            KNOT_SPACING_S * (i - 3) to KNOT_SPACING_S * (i + 1) after it.
         count: number of splines.
     """
     u = (time[:, None] - start) / KNOT_SPACING_S - np.arange(count) + 1.0
