@@ -107,7 +107,7 @@ class FrameRecorder(ABC):
         config: RecorderConfig,
         wall_anchor_ns: int,
     ) -> None:
-        """Start to record, with no window open.
+        """Start to record, with no window (time span of a strike) open.
 
         Args:
             path: queue of frames before the file.

@@ -40,7 +40,7 @@ class WindowRecorder(FrameRecorder):
         config: RecorderConfig,
         wall_anchor_ns: int,
     ) -> None:
-        """Start to record, with no window open.
+        """Start to record, with no window (time span of a strike) open.
 
         Args:
             queue: buffers and queue of copied frames before the file.

@@ -18,7 +18,7 @@ from acquire.striker import deadman_process
 class DeadManSwitch:
     """Child process that switches the servo's torque off 0.13 s after this process has ended.
 
-    Until then the servo's bus watchdog has stopped a swinging arm. The child is ready once the constructor
+    By then the servo's bus watchdog has stopped a swinging arm. The child is ready once the constructor
     has returned.
 
     Args:

@@ -213,7 +213,7 @@ def _parse(text: str, name: str) -> ObjectSpec:
 
 
 def _copy_shape(text: str, path: Path, target: Path) -> None:
-    """Copy the shape file that an object file names, if any, to where a copy of the object file needs it.
+    """Copy the shape file that an object file names by a relative path, to where its copy needs it.
 
     Args:
         text: content of the object file, to which tags will be added.
@@ -221,7 +221,7 @@ def _copy_shape(text: str, path: Path, target: Path) -> None:
         target: the copy of it.
 
     Raises:
-        ConfigError: the shape file cannot be read, or lies in a folder above the object file.
+        ConfigError: the shape file cannot be read, or its path contains "..".
     """
     shape: Any = tomllib.loads(text).get("shape")
     name = shape.get("file") if isinstance(shape, dict) else None

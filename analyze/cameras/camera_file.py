@@ -42,7 +42,8 @@ class CameraFile:
     def file_name(self) -> str:
         """File name under which the calibration is attached to a recording.
 
-        It is the camera file's name, or the topic's with .json added.
+        It is the camera file's name; for a calibration from a topic, the part of the topic after its last
+        slash, with .json added (/cam0/camera_info: camera_info.json).
         """
         return f"{self.path.name}.json" if self.of_topic else self.path.name
 

@@ -50,7 +50,10 @@ CONVERGED_DECREASE = 3e-3
 
 @dataclass(frozen=True)
 class _Point:
-    """Solution of the problem of all strikes with the centre of mass c held along one or two directions."""
+    """Least-squares solution of all strikes, with the centre of mass c held at given coordinates.
+
+    It is held along one or two directions.
+    """
 
     x: Array
     """(count,) unknowns."""

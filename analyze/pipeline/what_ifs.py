@@ -26,9 +26,11 @@ def estimate_alternatives(
     solution: JointSolution,
     struck: InertialParameters,
 ) -> tuple[Alternative, ...]:
-    """Changes of centre of mass and moments under each what-if (a changed assumption, strike or estimator).
+    """Changes of centre of mass and moments under what-ifs: a changed assumption, strike or estimator.
 
-    The robustness table of the report lists them.
+    The robustness table of the report lists them: per what-if that applies the change of the centre of mass
+    [m] in the object frame O, relative changes of the principal moments, and whether the estimate holds. Of
+    the strikes left out in turn only the worst is kept. Empty if the centre of mass is not observed.
 
     Args:
         evidence: recordings, object and plan.

@@ -105,7 +105,7 @@ def _headed(table: str) -> str:
 
 def unbroken(page: Markup) -> Markup:
     """HTML of a page in which no line ends between a number and its unit."""
-    return Markup(re.sub(r"(?<=\d)[ \n](?=(?:%|mm|g|kg|°)(?![\w/]))", "\u00a0", page))  # noqa: S704 - as above
+    return Markup(re.sub(r"(?<=\d)[ \n](?=(?:%|mm|g|kg|°)(?![\w/]))", "\u00a0", page))  # noqa: S704
 
 
 def _anchor(title: str) -> str:

@@ -282,7 +282,11 @@ def stated_errors_table(records: Sequence[SessionRecord]) -> Table:
 
 
 def papers_choice_table(records: Sequence[SessionRecord]) -> Table:
-    """Table of the centre of mass from the strikes that the paper's planner chooses, by object."""
+    """Table of errors of the centre of mass [mm] from strikes that the paper's planner chooses, by object.
+
+    Errors are those of the paper's method and of ours, with the sd that ours states, the directions that the
+    strikes determine, and the friction that they need. Without such strikes a row gives only the reason.
+    """
     rows: list[tuple[Value, ...]] = []
     ours = scores.with_our_plan(records)
     for name in objects_of(ours):
