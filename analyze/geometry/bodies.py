@@ -127,7 +127,10 @@ def _without_holes(vertices: Array, faces: IntArray, name: str) -> tuple[Array, 
 
 
 def _solids(vertices: Array, surfaces: list[IntArray]) -> dict[int, IntArray]:
-    """Faces (f, 3) of each body: its outer surface, its cavities, and the bodies in its material reversed.
+    """Faces (f, 3) that bound the material of each body of a mesh.
+
+    They are those of its outer surface and of its cavities, and, wound the other way round, those of the
+    bodies that lie in its material.
 
     Args:
         vertices: (n, 3) vertices of the whole mesh.

@@ -47,9 +47,10 @@ LARGER_SDS = 1.0
 def stated_radius(spec: ObjectSpec) -> RadiusPrior:
     """Radius of all edges for which the object file has no entry: the stated one, or else `ASSUMED`.
 
-    It comes as mean, shared sd and each edge's own sd [m], and origin. A radius of 0 with an sd of 0 counts
-    as not given: recordings made before a radius could be left open hold these figures where the object file
-    had none.
+    It comes as mean [m], origin, and sds [m] of three errors: one that all edges share, one that the edges of
+    a face share, and each edge's own. A radius of 0 with an sd of 0
+    counts as not given: recordings made before a radius could be left open hold these figures where the
+    object file had none.
     """
     radius, sd = spec.edge_radius_m, spec.edge_radius_sd_m
     if radius is None or (radius == 0 and sd == 0):
@@ -79,13 +80,13 @@ def default_radius_sd(radius: float) -> float:
 def edge_radius(
     spec: ObjectSpec, model: ObjectModel, axis_id: str, point: Array, direction: Array
 ) -> RadiusPrior:
-    """Radius of one edge's rounding before any strike: mean, shared and own sd [m], and origin.
+    """Radius of one edge's rounding before any strike: mean [m], sds of its errors [m], and origin.
 
     It is the first of these that exists: the entry for this edge in the object file; the rounding that a
-    point cloud shows there; the object file's radius for all edges; `ASSUMED`. The radius for all edges
-    replaces the cloud's if the cloud's sd is above `MAX_SCANNED_SD`; if the stated one is surer, and the
-    cloud's is not larger by `CONTRADICTION_SDS` sd of the difference; or if the stated one is larger by
-    `LARGER_SDS`, as clouds made from a drawing show sharp edges.
+    point cloud shows there, if its sd is at most `MAX_SCANNED_SD`; the object file's radius for all edges;
+    `ASSUMED`. The object file's radius for all edges replaces the cloud's if it is surer, and the cloud's is
+    not larger by `CONTRADICTION_SDS` sd of the difference; or if it is larger than the cloud's by more than
+    `LARGER_SDS` sd, as clouds made from a drawing show sharp edges.
 
     Args:
         spec: object file.
