@@ -80,8 +80,8 @@ def choose_design(information: Information, strikes: int, most_axes: int | None 
     Args:
         information: Candidates, prior knowledge and errors.
         strikes: Number of further strikes.
-        most_axes: Largest number of different axes; None for `MAX_AXES`, or as many as get `STRIKES_PER_AXIS`
-            each, up to `ABSOLUTE_MAX_AXES`.
+        most_axes: Largest number of different axes; None for the larger of `MAX_AXES` and the number of axes
+            that get `STRIKES_PER_AXIS` strikes each, but at most `ABSOLUTE_MAX_AXES`.
 
     Returns:
         The design; None if no set determines c in every direction, or there are no candidates or strikes.

@@ -38,7 +38,7 @@ def edge_names(strikes: Iterable[PlannedStrike]) -> dict[str, str]:
 
 
 def signed_axes(direction: Array) -> list[str]:
-    """Axes of the object file along which a unit vector (3,) points, signed, in the order x, y, z."""
+    """Axes of the object file, such as "+x", within 60 degrees of a unit vector (3,), in order x, y, z."""
     return [
         f"{'+' if component > 0 else '−'}{axis}"
         for axis, component in zip("xyz", direction, strict=True)

@@ -101,8 +101,8 @@ class PivotAxis:
         """Position (3,) [m] of the object frame's origin in the world frame, with the object at rest.
 
         The centre line of the edge's rounding then lies at x = 0, z = radius (of the rounding), and `point`,
-        the axis's point on that line, at y = 0. If the object is placed by another edge, from which it comes
-        to turn over this line later, that one lies so.
+        the axis's point on that line, at y = 0. If the object is placed with another edge on the mark, and
+        turns over this line only later, the position is that with the other edge's line and point there.
         """
         if self.placed is not None:
             return self.placed.p_world_object
