@@ -63,7 +63,7 @@ def balance_instead_of_hinge(
     about it) allows for the edge's measured motion. The hinge is kept if the moment balance fails, or if its
     residuals still show a jump in angular speed. If the edge was not seen to move, the hinge is also kept
     where frames are noisier than 0.2 deg, or where the moment balance neither explains the motion better nor
-    is clearly more certain.
+    is clearly more certain; without a hinge fit the result is then (None, "") too.
 
     Args:
         edge: sliding and lifting of the edge.

@@ -154,10 +154,10 @@ def _covariance(
     edge: tuple[Array, Array, float],
     known: tuple[Array, EdgeErrors],
 ) -> tuple[Array, tuple[float, float]]:
-    """Covariance (2, 2) of phi and k by errors of theta, slip, lift and edge's position; errors by radius.
+    """Covariance (2, 2) of balance angle phi and rate k, and their errors by the edge's radius.
 
-    The latter are those of phi [rad/m] and k [rad/s^2/m] per metre by which the edge's radius exceeds the
-    assumed one.
+    The covariance is that by errors of theta, slip, lift and the edge's position. The errors of phi [rad/m]
+    and k [rad/s^2/m] are those per metre by which the edge's radius exceeds the assumed one.
 
     theta is the tipping angle, phi the balance angle [rad], k the rate of the tip [rad/s^2]. The part caused
     by theta, slip and lift is multiplied by the ratio of the residuals' variance to the variance expected

@@ -27,7 +27,7 @@ ms"""
 
 @dataclass(frozen=True)
 class ContactTime:
-    """Log time of an impact, estimated from the motion that follows it, with its sd, both [ns]."""
+    """Time of an impact on the recording's clock, estimated from the motion after it, and its sd [ns]."""
 
     time_ns: int
     """log_time of the impact [ns]"""
@@ -37,7 +37,9 @@ class ContactTime:
 
 
 def contact_time(fit: MotionFit) -> ContactTime | None:
-    """log_time [ns] of the striker's contact, with its sd, extrapolated back to tipping angle 0, or None.
+    """Time of the striker's contact, from the motion extrapolated back to tipping angle 0; or None.
+
+    The time is given on the recording's clock (log_time), with its sd, both in ns.
 
     None if the fit has no rate constant k of the tip [rad/s^2], or in its first frame the object does not tip
     forward (angular speed omega0 <= 0) or lies below rest (tipping angle theta0 < 0).

@@ -106,11 +106,11 @@ def edge_motion(motion: PlanarMotion, window: tuple[int, int]) -> EdgeMotion:
 
 
 def lift_off_frame(motion: PlanarMotion, window: tuple[int, int]) -> int | None:
-    """First frame of a window from which the edge only rises off the table; None if it stays on it.
+    """First frame of a window from which the edge only rises off the table; None if there is none.
 
-    From there to the window's end the body flies, or turns about its next edge: with a bevel or facets it
-    reaches the next edge before the next face. None also if the window has fewer than ten frames, if the edge
-    is off the table in all of them, or if its height at the end is below 0.3 mm.
+    From there to the window's end the body flies, or turns about its next edge, that of a bevel or facet.
+    None if the window has fewer than ten frames, if the edge is off the table in all of them, or if its
+    height at the end is below 0.3 mm.
 
     Args:
         motion: motion of the strike with the lift of its edge.
@@ -135,7 +135,8 @@ def _offset_sd(motion: PlanarMotion) -> float:
     """Standard deviation [m] of the edge's assumed position before its motion is measured.
 
     Args:
-        motion: motion of the assumed edge, with the error of its place by the markers' places on the object.
+        motion: motion of the assumed edge; its `place_sd` is the part of this error that comes from the
+            markers' places on the object, None if none of these is known.
     """
     return _HAND_SD if motion.place_sd is None else max(_PLAN_SD, motion.place_sd)
 
@@ -203,7 +204,8 @@ def _error_by_radius(theta: Array, unseen: Array) -> Array:
     """Errors (n, 2) of corrected slip and lift per metre of the edge's radius beyond the planned one.
 
     With a larger radius the edge rolls farther, by theta per metre, and its centre line lies farther back and
-    higher than the assumed one by as much. Of this offset, the correction leaves what the lift did not show.
+    higher than the assumed one by as much. The correction has removed the part of this offset that the lift
+    shows; `unseen` determines what is left.
 
     Args:
         theta: (n,) tipping angle [rad].
@@ -218,7 +220,7 @@ def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array, offset_sd: flo
 
     They are the offset at rest, horizontal in the direction of the tip, then upwards; and the radius, which
     sliding hides: 0 within 0.1 mm. The offset follows from the lift alone, with a prior of 0. An offset of
-    three times its standard deviation or more is taken for a real lift: then the prior itself is returned.
+    three times `offset_sd` or more is taken for a real lift: then the prior itself is returned.
 
     Args:
         theta: (n,) tipping angle [rad].

@@ -52,7 +52,8 @@ def find_course(
 
     Args:
         angle: theta(t) of the whole window, resting frames first.
-        contact_time_ns: log_time of the contact as the striker measured it [ns], 0 if not known.
+        contact_time_ns: time of the contact on the recording's clock (log_time) [ns], as the striker measured
+            it; 0 if not known.
         limits: time left out after the impact, and theta below which the object counts as back at rest.
         landing_angle_rad: theta [rad] from which the shape's next face may touch, whether or not that slows
             the body; None if only theta(t) shows a landing.

@@ -62,7 +62,7 @@ def judge_placement(
         markers: markers of the object.
         camera: camera with its pose in the world frame W of the planned strike.
         task: the strike as planned, and all strikes of its plan.
-        rest_end_ns: frames before this log_time [ns] are at rest.
+        rest_end_ns: time on the recording's clock (log_time) [ns]; frames before it are at rest.
     """
     seen = _orientations(tracks, markers, camera, rest_end_ns)
     if not seen:
@@ -102,7 +102,7 @@ def _orientations(
         tracks: tracks of the strike's window.
         markers: markers of the object; those without a known place on it are left out.
         camera: camera that took the frames.
-        rest_end_ns: frames before this log_time [ns] are at rest.
+        rest_end_ns: time on the recording's clock (log_time) [ns]; frames before it are at rest.
 
     Returns:
         For each marker seen at rest a list of rotations (3, 3) from object frame O to camera frame.

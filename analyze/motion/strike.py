@@ -260,14 +260,16 @@ def _judge_unseen(task: StrikeTask) -> Judgement | None:
 
 
 def end_of_rest_ns(tracks: Sequence[MarkerTrack], contact_time_ns: int) -> int:
-    """log_time [ns] at which rest ends: 4 ms before the contact, or at a marker's earlier motion.
+    """Time [ns] at which rest ends: 4 ms before the contact, or at a marker's earlier motion.
+
+    It is on the recording's clock (log_time).
 
     Without a known contact time and without motion it is 1 ns after the last tracked frame; then 0 if there
     are no tracks either.
 
     Args:
         tracks: the object's markers.
-        contact_time_ns: log_time of the contact [ns], 0 if unknown.
+        contact_time_ns: time of the contact on the recording's clock [ns], 0 if unknown.
     """
     ends = [contact_time_ns - _REST_BEFORE_CONTACT_NS] if contact_time_ns else []
     for track in tracks:

@@ -136,7 +136,7 @@ def tip_angle(
         markers: the object's markers.
         camera: camera with its pose in W.
         placement: nominal placement; its position is used only if no marker's place on the object is known.
-        rest_end_ns: frames before this log_time [ns] are at rest.
+        rest_end_ns: time on the recording's clock (log_time) [ns]; frames before it are at rest.
 
     Returns:
         Tipping angle [rad], slip (sliding of the edge along the table, without its rolling) and lift (height
@@ -328,7 +328,7 @@ def _collect(
         by_id: the object's markers by id.
         camera: camera with its pose in W.
         placement: planned pose of the object and pivot.
-        rest_end_ns: frames before this log_time [ns] are at rest.
+        rest_end_ns: time on the recording's clock (log_time) [ns]; frames before it are at rest.
 
     Raises:
         TrackingError: no marker is at rest in view, in three frames, before the strike.

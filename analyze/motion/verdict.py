@@ -75,7 +75,7 @@ def _gaps(
     Args:
         angle: tipping angle theta(t).
         course: events of the strike.
-        times: (n,) log times of the frames of the tip [ns].
+        times: (n,) times of the frames of the tip on the recording's clock (log_time) [ns].
         frame_ns: usual time between frames [ns].
         task: the strike, with the times of images without a marker.
         limits: limits of missing frames.
