@@ -41,7 +41,9 @@ def centre_of_mass(
       towards x and y of the world frame W;
     - for each pivot axis: the place of its edge in the direction of the tip, the edge's own radius, and for
       each heading (direction of the tip on the table) an error of the measured angle;
-    - for each resting face: its place along its normal.
+    - for each face rested on, or rising from a pivot edge: its place along its normal;
+    - for each face rested on: the part of the radius that its edges share;
+    - the turns of the object at rest, and that of all markers on it, where the data depend on them.
 
     Repeats about one axis therefore average only their own scatter. The lean changes phi of a tip at heading
     h by lean . (cos h, sin h). Strikes over one edge at two headings, best 180 deg apart, separate the lean

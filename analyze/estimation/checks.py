@@ -196,7 +196,8 @@ def _judged_again(solution: JointSolution, linear: LeaveOneOut, index: int, refi
         refit: Solution without the strike, and the rise of the misfit that the strike causes.
 
     Returns:
-        Prediction by `refit` if the strike fails again; else `linear`, marked as not checkable.
+        Prediction by `refit` if the strike fails again; else `linear` with the standardised error by the
+        likelihood ratio, marked as not checkable.
     """
     uses_k = linear.k_off is not None
     sigmas = math.sqrt(refit.rise) * (TWO_ERRORS_AS_ONE if uses_k else 1.0)

@@ -1,5 +1,6 @@
-"""Most likely unknowns of the joint problem at fixed strike weights, by damped Gauss-Newton steps.
+"""Most likely unknowns given all strikes with fixed weights, by damped Gauss-Newton steps.
 
+Unknown are the centre of mass, the inertia, and the errors that strikes share: the joint problem (joint.py).
 The steps are those of Marquardt (1963). They need no good start, unlike the undamped ones of joint.py, which
 in turn find the weights.
 """
@@ -30,7 +31,7 @@ FIRST_DAMPING, MAX_DAMPING = 1e-4, 1e8
 
 @dataclass(frozen=True)
 class Expansion:
-    """Misfit of the joint problem at given unknowns, with what a Gauss-Newton step needs."""
+    """Misfit of all strikes and priors at given unknowns, with gradient and matrix of a Gauss-Newton step."""
 
     misfit: float
     """Weighted sum of the squares of strikes and priors."""
@@ -43,7 +44,7 @@ class Expansion:
 
 
 class WeightedProblem:
-    """Joint problem of all strikes with a fixed weight for each.
+    """Least-squares problem of centre of mass, inertia and shared errors, with fixed strike weights.
 
     Args:
         solution: Model and data of all strikes.

@@ -190,11 +190,11 @@ def without_refuted_radii(
 ) -> tuple[tuple[EquiPlane, ...], RadiusCheck | None]:
     """Strikes' planes in which a stated edge radius that the strikes contradict counts as not given.
 
-    A stated radius that is not refuted, but off by more than 1 sigma, is kept with a larger sd. If one radius
-    is stated for all edges and refuted for some, the others keep it with the sd of one that is not given. A
-    centre of mass that moved between two recordings can look like a wrong radius: all stated radii are kept
-    if a centre of mass of its own for each recording explains the strikes better than other radii do (Akaike
-    1974).
+    If no radius is refuted, all are kept; their sd grows if they are off by more than 1 sigma, and with the
+    probability that they are wrong. If one radius is stated for all edges and refuted for some, the others
+    keep it with the sd of one that is not given. A centre of mass that moved between two recordings can look
+    like a wrong radius: all stated radii are kept if a centre of mass of its own for each recording explains
+    the strikes better than other radii do (Akaike 1974).
 
     Args:
         planes: Equi-planes (through pivot line and centre of mass) of the strikes, with the stated radii.

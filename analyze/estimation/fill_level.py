@@ -305,10 +305,10 @@ class _Grid:
     def posterior(self, whole: tuple[float, float], rng: np.random.Generator) -> FillLevel:
         """Fill level [m], filled share, masses [kg] of shell and filling, its density, and shell thickness.
 
-        Each has mean, sd and 95 % interval in SI units, from `DRAWS` random draws; the thickness is None if
-        it was given. The level is the height of the filling's surface over the origin of the object frame O,
-        along the direction that was up when the object was filled. Draws of masses outside their bounds are
-        rejected; if fewer than `MIN_DRAWS` remain, masses are clipped to the bounds instead.
+        Each has mean, sd and 95 % interval in SI units, from up to `DRAWS` random draws; the thickness is
+        None if it was given. The level is the height of the filling's surface over the origin of the object
+        frame O, along the direction that was up when the object was filled. Draws of masses outside their
+        bounds are rejected; if fewer than `MIN_DRAWS` remain, masses are clipped to the bounds instead.
 
         Args:
             whole: lowest and highest possible level [m], to which drawn levels are clipped.

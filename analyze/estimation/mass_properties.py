@@ -72,7 +72,7 @@ class CentreOfMass:
 
 @dataclass(frozen=True)
 class AxisInertia:
-    """Moments of inertia [kg m^2] of the object about two parallel axes: a pivot edge, and through c.
+    """Moments of inertia [kg m^2] of the object about a pivot edge, and about its parallel through c.
 
     c is the centre of mass.
     """

@@ -270,7 +270,7 @@ def _whitened(moments: MeasuredMoments, parts: Sequence[MassProperties], about: 
 
     The moments of inertia were measured about the true centre of mass; `about` should be close to it. For a
     slender body the measured centre of mass is not close enough: the square of its error along the body,
-    times the mass, exceeds the error of the moment. That of the estimated parts is closer.
+    times the mass, exceeds the error of the moment. The centre of mass of the estimated parts is closer.
 
     Args:
         moments: measured mass, centre of mass and moments of inertia, with their covariance.

@@ -52,7 +52,8 @@ def precision(groups: Sequence[Sequence[float]]) -> Precision:
 
     Returns:
         Mean of the groups' means; standard deviations within groups (repeatability), between them, and of
-        both together (reproducibility), in the results' unit, with degrees of freedom.
+        both together (reproducibility), in the results' unit, with degrees of freedom. A standard deviation
+        is None where the groups are too few or too small for it.
     """
     sizes = np.array([len(group) for group in groups], dtype=np.float64)
     means = np.array([np.mean(group) for group in groups])

@@ -15,7 +15,7 @@ WRONG_FRACTION = 0.1
 
 
 def probability_wrong(score: Array, information: Array, priors: tuple[Array, Array], offset: Array) -> float:
-    """Probability that stated radii of n edges are wrong, and the edges as those of any object.
+    """Probability that stated radii of n edges are wrong: that the edges are like those of any object.
 
     The odds are those before the strikes (`WRONG_FRACTION`) times the ratio of the strikes' marginal
     likelihoods, with radii about the stated ones and with those assumed where none is given.

@@ -176,7 +176,7 @@ class _KindPosterior:
 
     @property
     def first(self) -> _ShellPosterior:
-        """Posterior for the likeliest thickness."""
+        """Posterior of dividing surface and region masses for the likeliest shell thickness."""
         return self.posteriors[int(np.argmax(self.weight))]
 
     @property

@@ -1,6 +1,6 @@
-"""Robustness of an estimate: its change if an assumption, a strike or an estimator were another.
+"""Robustness of an estimate: its change with another assumption or estimator, or without a strike.
 
-Every alternative is a joint problem of its own, solved from the solution that is stated.
+Every alternative is an estimate of its own, not a linear prediction.
 """
 
 from __future__ import annotations
