@@ -14,7 +14,7 @@ from tests.places import RECORDINGS
 def samples_are_tracked_once() -> Iterator[None]:
     """Track a strike of the committed sample once for the same markers and object; many tests read it.
 
-    A copy of the sample is another file.
+    A copy of the sample elsewhere is tracked each time.
     """
     from analyze.pipeline import read_evidence as evidence
 

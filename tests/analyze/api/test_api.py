@@ -119,7 +119,7 @@ def test_report_and_export_accept_paths_as_text(found, tmp_path: Path, undrawn):
 
 
 def test_exported_body_has_the_stated_friction(found, tmp_path: Path, monkeypatch):
-    """As `analyze export` writes it; the sample's rig file states none."""
+    """The friction is put in by the test, as the sample's rig file states none."""
     monkeypatch.setattr("analyze.export.export_source.stated_friction", lambda rigs: 0.63)
     (path,) = found.export(tmp_path / "carton.xml", format="mjcf")
     assert 'friction="0.63' in path.read_text()

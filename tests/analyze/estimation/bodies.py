@@ -90,7 +90,11 @@ def box_body(
 
 
 def planned_strike(body: Body, face: int, sign: int, along: int, side: int, repeat: int = 0) -> PlannedStrike:
-    """Strike of a box on the face `sign * face`, which tips over its edge parallel to `along` on `side`."""
+    """Strike of a box that rests on one of its faces and tips over an edge of that face.
+
+    Axes are numbered 0 to 2 (x, y, z). `face` is the axis that points down and `sign` its sense, `along` the
+    axis parallel to the edge; `side` (1 or -1) is the sense of the tip along the third axis.
+    """
     down = np.zeros(3)
     down[face] = sign
     up = -down

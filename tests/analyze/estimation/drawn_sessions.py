@@ -48,7 +48,7 @@ def session(
 ) -> list[EquiPlane]:
     """Equi-planes of strikes on `axes`, with all modelled errors drawn.
 
-    `k_off` adds a relative error of k to all strikes of an axis; all k are multiplied by 1 plus it.
+    `k_off` gives, by axis, a further relative error of k that all strikes of the axis share.
     """
     tilt, radius, gravity = rng.normal(0, 1, 3) * (
         ERRORS.gravity_tilt_sd,

@@ -59,13 +59,13 @@ def test_outlying_strike_fails_its_prediction():
 
 
 def far_prior(com):
-    """Prior of the moments that grows with the distance of c, which draws an open c far off."""
+    """Prior of the moments that grows with the distance of c: it pulls a c left open far from its place."""
     near = drawn_sessions.SHAPE(np.zeros(3))
     return replace(near, mean=near.mean + com @ com * np.eye(3) - np.outer(com, com))
 
 
 def test_strikes_that_the_others_leave_open_are_not_accused():
-    """Three edges that meet at a vertex, a lump inside: strikes fail linearly, none by the ratio."""
+    """Edges of one vertex, a lump inside: strikes fail the linear prediction, none the likelihood ratio."""
     moments = replace(drawn_sessions.model(LUMP), prior=far_prior)
     failed, nonsense = 0, 0
     for seed in range(12):
@@ -109,7 +109,7 @@ NINE_AXES = (*SIX_AXES, (2, -1, 0, -1), (0, -1, 1, -1), (1, -1, 2, -1))
 
 
 def test_hop_of_two_parallel_edges_and_a_lump_inside_leave_gravity_as_stated():
-    """Without the floor and with the narrow prior one in three of these sessions doubted gravity."""
+    """With the usual error of k and prior of the moments, one in three of these sessions doubted gravity."""
     off = dict.fromkeys((SIX_AXES[0], SIX_AXES[2]), 0.0085)
     for seed in range(4):
         found = gravity(seed, SIX_AXES, LUMP, off)

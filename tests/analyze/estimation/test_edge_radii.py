@@ -221,7 +221,10 @@ def test_wide_statement_covers_edges_that_differ():
 
 @pytest.mark.parametrize(("prior", "large"), [(SPREAD, 2e-3), (ASSUMED, 1.5e-3)])
 def test_faces_whose_edges_differ_from_those_of_others_are_inside(prior, large):
-    """Edges of 0.3 mm round one end, larger ones round the other; as each edge's own error, c_z was off."""
+    """Edges of 0.3 mm round one end, larger ones round the other.
+
+    c_z was off while the difference of their radii counted as each edge's own error.
+    """
     axes = (*UPRIGHT, (2, 1, 1, 1), (2, 1, 0, 1))
     names = [planned_strike(BODY, *axis).axis_id for axis in axes]
 

@@ -199,7 +199,7 @@ def test_evidence_of_a_thickness_hardly_depends_on_the_seed():
 
 
 def test_a_thickness_that_no_filling_fits_does_not_open_the_limits():
-    """One such thickness of five once gave limits of 0 and all for every region."""
+    """One such thickness of five once gave every region the limits 0 and the whole mass."""
     body = hollow_box(11, lumps=1)
     found = distribution_of(body, body.measured(np.random.default_rng(0), 1e-4, 0.004))
     truth = body.region_masses(found.dividing_plane_normal, found.dividing_plane_offset)
@@ -239,7 +239,10 @@ def test_bounds_are_those_of_a_linear_programme_and_never_inside():
 
 
 def test_intervals_hold_for_a_body_with_a_lump():
-    """Bodies with a stated wall; before, no interval held of those that parts beside a plane explained."""
+    """The thickness of the wall is stated.
+
+    While all bodies were taken as parts beside a plane, no interval held of those that such parts explain.
+    """
     held, widths = [], []
     for seed in range(4):
         body = hollow_box(seed, lumps=1)

@@ -89,7 +89,10 @@ def test_contribution_of_the_tilt_agrees_with_the_strikes_influence(estimate):
     ],
 )
 def test_contribution_agrees_with_an_estimate_without_the_error(estimate, source, without):
-    """A source's contribution is at most the gain without it: the strikes are then also weighted better."""
+    """Without a source the covariance falls by its contribution or more.
+
+    The strikes are then also weighted better.
+    """
     evidence = estimate.evidence
     systematic = replace(systematic_errors(evidence), **without)
     planes = estimate.fitted_planes

@@ -23,7 +23,12 @@ CASES = {
 
 
 def on_a_grid(mean, precision, n=1500):
-    """Log integral of the prior over triangle and two sides, means and sd of both shares, sides' parts."""
+    """Distribution of two shares by sums over a fine grid: of their triangle and its two sides.
+
+    Returns:
+        Log integral of prior times likelihood; means (2,) and sd (2,) of the shares; probabilities of the
+        two sides, on which the second or the third share is 0.
+    """
     places = (np.arange(n) + 0.5) / n
     u, v = (grid.ravel() for grid in np.meshgrid(places, places, indexing="ij"))
     inside = u + v < 1

@@ -47,7 +47,10 @@ def test_change_without_a_strike_equals_a_new_estimate_without_it():
 
 
 def test_tilt_stated_too_certain_is_found_by_the_strikes_and_c_stays_inside():
-    """1.2 degrees of lean with a stated sd of 0.06; before, c moved by more than its interval with the sd."""
+    """The table leans by 1.2 degrees, stated as 0 with an sd of 0.06.
+
+    While that sd was not estimated, c moved by more than its interval when the sd was doubled.
+    """
     planes = [
         replace(plane, phi=plane.phi + 0.02 * np.cos(plane.heading))
         for plane in session(np.random.default_rng(2), SIX_AXES)

@@ -33,7 +33,7 @@ PANELS = {
 
 
 def rebuilt(content: dict) -> object:
-    """The same content, built of Foxglove's own classes."""
+    """Layout `content`, as read from JSON, built again of Foxglove's own classes."""
     if content["type"] == "split":
         items = [
             fl.SplitItem(proportion=each["proportion"], content=rebuilt(each["content"]))

@@ -119,7 +119,7 @@ def test_hinge_and_moment_balance_agree_where_the_edge_holds():
 
 
 def over_a_bevel(course: Course, body: Body, at: float, bevel: float) -> Course:
-    """The same strike of a body whose bevel comes to lie on the table at an angle.
+    """Motion `course` of a strike, changed to that of a body whose bevel comes to lie on the table.
 
     `bevel` is its width [m], `at` the tipping angle [rad] from which on the body turns about its far edge.
     """

@@ -35,7 +35,7 @@ def test_a_sliding_corner_shows_c_and_inertia():
 
 
 def test_the_rounding_of_the_edges_is_found():
-    """A sharp edge in its place would put c 0.4 mm off: test and counter-test."""
+    """Taken as sharp, the rounded edges put c 0.4 mm off, which is checked too."""
     rounded = Cube(CUBE.com, CUBE.moments, rounding=0.004)
     found = balanced(rounded, "edge", 24, rounding=(0.002, 0.002))
     assert found.rounding == pytest.approx(0.004, abs=2e-4)

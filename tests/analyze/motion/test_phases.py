@@ -71,8 +71,10 @@ def test_one_wrong_reading_is_no_landing_and_rocking_back_none_either():
     ("seed", "rate"), [(seed, rate) for seed in range(4) for rate in (120, 240, 960, 2000)]
 )
 def test_the_course_is_the_same_at_any_frame_rate(seed, rate):
-    """At 960 a second the first frames after the guard are still near rest, and a frame's error is a good
-    part of a frame's turn."""
+    """Many frames a second: the first free ones are still near rest, and turns between them hardly seen.
+
+    At 960 a second the error of a frame is a good part of the turn from one frame to the next.
+    """
     theta = np.radians(
         np.interp(np.arange(0.0, 0.9, 1 / rate), [0.2, 0.3, 0.5, 0.62], [0.0, 15.0, 50.0, 90.0])
     )

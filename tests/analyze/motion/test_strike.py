@@ -1,4 +1,4 @@
-"""One strike from corners to verdict, phi and k; the verdicts' own motions."""
+"""One strike from corners to verdict, phi and k; and motions that each verdict is made for."""
 
 from dataclasses import replace
 

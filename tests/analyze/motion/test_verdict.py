@@ -121,7 +121,7 @@ def test_a_clean_motion_tipped_or_rocked_back():
 
 
 def test_a_rim_that_rolled_is_not_said_to_have_left_the_table():
-    """Rolling along a rim lifts the planned point; by a place known to 30 mm it rose by 3 to 10 mm."""
+    """Rolling along a rim lifts the planned point: by 3 to 10 mm where its place is known to 30 mm."""
     rolled = motion(lift=0.01, off_axis=0.15)
     found = judge_contact(rolled, (13, N), rolls=True, limits=LIMITS)
     assert found is not None

@@ -46,7 +46,12 @@ class Judged:
 
 
 def judged(seeds, place_sd):
-    """Strikes over the planned edge or the next line; of which one carried, and at what margin."""
+    """Yield analysed strikes, half-random, that balance over the planned edge or over the next line.
+
+    Args:
+        seeds: seed of each strike.
+        place_sd: 1 sigma [m] of the edge's place by the markers; None if their places are not known.
+    """
     for seed in seeds:
         rng = np.random.default_rng((seed, 11))
         prism = chamfered(rng)

@@ -87,7 +87,7 @@ def test_headings_by_hand_are_inside_the_interval():
 
 
 def test_a_turn_of_all_markers_is_an_error_that_strikes_share():
-    """As an error of each strike alone, of the same size, c was off by 2.0 sd, rms."""
+    """Taken for an error of each strike alone, of the same size, it left c off by 2.0 sd, rms."""
     rng = np.random.default_rng(1)
     turn_sd = math.radians(5.0)
     found = [standardised(session(rng, CHECKED_HEADING_SD, True, True, turn_sd)[1]) for _ in range(14)]

@@ -110,7 +110,7 @@ def test_both_tags_are_followed_while_one_is_hidden(camera, rng):
 
 
 def test_a_resting_tags_errors_are_as_independent_as_the_noise(camera):
-    """Frames at rest are fitted from where the last one ended: that must leave no memory."""
+    """The fit of a frame at rest starts at the result of the last one, which must not correlate errors."""
     rng, clean = np.random.default_rng(5), paint(camera, [(7, SIZE, *at(0.01, 0.0, 0.4))], Look())
     follower, errors = MarkerFollower(camera, [Marker(7, SIZE, None)], [7]), []
     raw = project(camera, corners_of(SIZE) @ at(0, 0, 0.4)[0].T + at(0.01)[1])
