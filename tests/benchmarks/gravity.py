@@ -62,7 +62,11 @@ TURNED = 2
 
 @dataclass(frozen=True)
 class Sessions:
-    """Objects and equi-planes of many sessions: planned strikes, one more of them, turned strikes."""
+    """Objects and equi-planes of many sessions.
+
+    Each has `many` planned strikes, one more strike of that kind, and strikes with the object turned by 180
+    degrees.
+    """
 
     bodies: list[Body]
     planes: list[list[EquiPlane]]

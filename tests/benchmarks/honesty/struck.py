@@ -86,7 +86,9 @@ def faces_of(body: TrueBody) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
 
 
 def true_rest_pose(specimen: Specimen, R_planned: np.ndarray) -> np.ndarray:
-    """True rest rotation (3, 3): face on the table, edge square to the tip, as near as the plan's as can be.
+    """True rest rotation (3, 3), from O to W: that nearest to the plan's with a true face on the table.
+
+    An edge of this face is square to the tip.
 
     Where no true face or edge is within 6 degrees of the planned one, the planned one is used (a round rim).
     """
