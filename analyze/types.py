@@ -75,7 +75,7 @@ class Marker:
 
 @dataclass(frozen=True)
 class RestTurn:
-    """Turn of the object at rest about the pivot axis, against its planned pose, as one marker shows it."""
+    """Turn [rad] of the resting object about the pivot axis from its planned pose, as one marker shows."""
 
     angle: float
     """turn [rad], positive towards the tip"""
@@ -256,8 +256,8 @@ class SupportLine:
     """Line parallel to the pivot axis over which the object turns for a range of tipping angles theta.
 
     The line is the centre line of the rounding of the edge (or corner) that touches the table. Its place is
-    given in the rest pose, from the centre line of the planned pivot. It carries until the next line of the
-    sequence takes over.
+    given in the rest pose, from the centre line of the planned pivot. The object turns over it
+    until a face lands that ends at the next line of the sequence, then over that one.
     """
 
     along_m: float
@@ -420,9 +420,11 @@ class EquiPlane:
 
     @property
     def base_up(self) -> Array:
-        """Unit normal (3,), into the object, of the face on the table that ends at the pivot line, in O.
+        """Unit normal (3,), into the object, of the face that lies on the table and ends at the pivot line.
 
-        It is W's z at rest, unless the line took over from the planned edge when a later face had landed.
+        It is in the object frame O. If the line is the planned edge, the face is the resting face, and the
+        normal is W's z at rest. Otherwise the face is the one that landed before the object turned over the
+        line.
         """
         ahead = np.cross(self.direction, self.up)
         return np.cos(self.facet_rad) * self.up - np.sin(self.facet_rad) * ahead
