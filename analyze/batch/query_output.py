@@ -65,7 +65,7 @@ def print_answer(answer: pa.Table, form: str, console: Terminal | None = None) -
 
 
 def _folded_width(names: Sequence[str], rows: Sequence[Sequence[str]]) -> int:
-    """Width of a drawn table that can still be read: whole headings, other cells folded to a few letters."""
+    """Least width [characters] of a readable table: whole headings, other cells folded to a few letters."""
     widths = (
         max([cell_len(name), *(min(cell_len(row[i]), NARROWEST_CELL) for row in rows)])
         for i, name in enumerate(names)

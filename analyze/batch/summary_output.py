@@ -106,7 +106,8 @@ def _print_failures(console: Terminal, summary: Summary) -> None:
 def cells(each: Repeated) -> tuple[str, str, str, str, str]:
     """Texts for the table cells of a quantity's repeatability.
 
-    They have two digits of the smaller of the two standard deviations.
+    All but chi-square have as many decimals as give the smaller of the two standard deviations two
+    significant digits, none if it is 10 or more; chi-square has one.
 
     Returns:
         Mean with unit; standard deviation from session to session; median of the standard deviations that the
