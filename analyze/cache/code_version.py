@@ -54,9 +54,9 @@ def hash_of_code() -> str:
 
 
 def hash_of_pages() -> str:
-    """Hash (16 hexadecimal digits) of what pages are made with besides the code that computes results.
+    """Hash (16 hexadecimal digits) of all that report pages depend on besides the code of results.
 
-    These are templates, drawings of objects, and the libraries of plots and templates.
+    They are the templates, the code that draws objects, and the libraries of plots and templates.
     """
     files = [path for folder in PAGE_FOLDERS for path in sorted((_ROOT / folder).rglob("*"))]
     return _hash_of([path for path in files if path.suffix in PAGE_SUFFIXES], PAGE_LIBRARIES)

@@ -96,7 +96,7 @@ class _Reader:
         return len(self._data) - self._place
 
     def value(self, tree: Any, kind: Any, depth: int) -> Any:
-        """Value of type `kind` that the JSON value `tree` stands for, `depth` levels below the whole."""
+        """Value of type `kind` that the JSON value `tree`, nested in `depth` others, stands for."""
         if depth > MAX_DEPTH:
             raise DecodeError("is nested too deeply")
         origin = get_origin(kind)
@@ -138,7 +138,7 @@ class _Reader:
         return kind(**{name: self.value(found[name], each, depth) for name, each in expected.items()})
 
     def tuple(self, tree: Any, kinds: Sequence[Any], depth: int) -> tuple[Any, ...]:
-        """Tuple of values, all of the first of `kinds` if an ellipsis follows, else of one each."""
+        """Tuple of values: all of type `kinds[0]` if an ellipsis follows it, else item i of `kinds[i]`."""
         items = _list(tree)
         each = [kinds[0]] * len(items) if len(kinds) == 2 and kinds[1] is Ellipsis else list(kinds)
         if len(each) != len(items):
@@ -161,7 +161,7 @@ class _Reader:
         return {self.value(key, kinds[0], depth): self.value(each, kinds[1], depth) for key, each in pairs}
 
     def array(self, tree: Any, _kinds: Sequence[Any], _depth: int) -> np.ndarray:
-        """Array, in memory as it lay when it was encoded."""
+        """Array with the order of axes in memory that it had when it was encoded."""
         dtype = _dtype(_entry(tree, ARRAY))
         shape, order = _list(tree.get("shape")), _list(tree.get("order"))
         if not all(type(each) is int and each >= 0 for each in [*shape, *order]):
@@ -201,7 +201,11 @@ _PLAIN: dict[type, tuple[type, ...]] = {
 
 
 def _plain(tree: Any, kind: type) -> Any:
-    """Text, number, True, False or None; a number may also be a numpy scalar."""
+    """Plain value of type `kind` that `tree` stands for: text, number, True, False, None or numpy scalar.
+
+    Raises:
+        DecodeError: it stands for a value of another type, or out of range.
+    """
     if isinstance(tree, dict) and kind is not types.NoneType:
         value, dtype = tree.get("value"), _dtype(_entry(tree, SCALAR))
         if type(value) not in {bool, int, float}:

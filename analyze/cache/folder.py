@@ -76,7 +76,7 @@ class CacheFolder:
         """Content of the entry `key`; None if there is none that can be read. The entry counts as used.
 
         Raises:
-            EntryError: the entry's file is damaged, or no file of this cache.
+            EntryError: the entry's file is damaged, or was not written by this cache.
         """
         path = self._file(key)
         try:
@@ -183,7 +183,7 @@ def _described(path: Path) -> Entry:
 
 
 def _head(line: bytes) -> dict[str, object] | None:
-    """Description at the start of an entry's file; None if it is none."""
+    """Description of an entry from its file's first line; None if that line is no such description."""
     if len(line) > _MAX_HEAD_BYTES:
         return None
     try:

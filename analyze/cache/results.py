@@ -1,4 +1,4 @@
-"""Cache of results: a result is computed once, and read from the folder when the same is asked again."""
+"""Cache of results: each is computed once, and read from a folder when its inputs are given again."""
 
 from __future__ import annotations
 
