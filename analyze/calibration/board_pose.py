@@ -87,8 +87,8 @@ def weighted_corners(view: View, points: Array) -> ObservedView:
 def pose_covariance(view: ObservedView, lens: Lens, pose: Pose, lens_covariance: Array) -> Array:
     """Covariance (6, 6) of a board's pose in the camera's frame: rotation vector [rad], translation [m].
 
-    The first three rows are of the vector of the rotation from the board's to the camera's frame. It includes
-    the errors of the corners and of the lens.
+    The rotation vector, first in the order, is that from the board's to the camera's frame. The covariance
+    includes the errors of the corners and of the lens.
 
     Args:
         view: corners of the view, whose stated covariance is used.
@@ -140,7 +140,7 @@ def pseudo_inverse(matrix: Array) -> Array:
 def corner_chi(view: ObservedView, lens: Lens, pose: Pose) -> Array:
     """Distance (n,) of each corner of a view from its projection by lens and pose, in standard deviations.
 
-    The corner's covariance is that of its weight (`weighted_corners`).
+    A corner's covariance is the inverse of its weight in the fit (`weighted_corners`).
     """
     image, _, _ = project(lens, view.points, pose.rotation, pose.translation)
     return np.asarray(

@@ -104,10 +104,10 @@ class Calibration:
 
     @property
     def strain_sd(self) -> float:
-        """Standard deviation of the strain that the lens leaves in an image, with that of a stretched print.
+        """Standard deviation of the image's strain from errors of the lens and from a stretched print.
 
-        The strain is the relative error of a length in one direction against one across it. Pixels are
-        square, so that a difference of fx and fy shows an error of the print.
+        The strain is the relative error of a length in one direction against one across it. Both parts are
+        added in squares; that of the print is fx / fy - 1, because the camera's pixels are square.
         """
         fx, fy = self.lens.numbers[:2]
         return float(np.hypot(self.pixels.strain_sd, fx / fy - 1.0))

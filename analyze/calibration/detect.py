@@ -89,8 +89,8 @@ class BoardSighting:
     def another_layout(self) -> bool:
         """True if the tags are arranged unlike the board's, so that the image shows another board.
 
-        That is: of three or more board corners, two tags each predict the place in the image, and the two
-        places agree for less than half of these corners.
+        That is so if at least three board corners lie between two tags that were seen, and for less than half
+        of these corners the two tags predict the same place in the image.
         """
         return self.pairs >= 3 and self.agreeing < 0.5 * self.pairs
 

@@ -3,9 +3,9 @@
 The standard deviation of the image's strain follows from it: that of the part of a lens error that shifts a
 tipping angle measured in the image.
 
-It is computed also where no board was seen. A lens error that a rotation of the camera compensates does no
-harm, because the camera's pose is found with the same lens. So the best rotation over the whole image is
-removed before the standard deviation is computed.
+The uncertainty is computed also where no board was seen. A lens error that a rotation of the camera
+compensates does no harm, because the camera's pose is found with the same lens. So the best rotation over the
+whole image is removed before the standard deviation is computed.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class PixelMap:
     """Uncertainty of a lens on a grid over its image.
 
     It is the standard deviation [px], of column and row together, of the pixel to which a direction projects.
-    The grid (ROWS, COLUMNS) has `column` and `row` in px.
+    The grid has ROWS rows and COLUMNS columns, whose places in the image are `row` and `column` [px].
     """
 
     column: Array
