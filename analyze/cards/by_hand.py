@@ -26,7 +26,7 @@ def force_words(strike: PlannedStrike) -> tuple[str, str]:
 
 
 def force_margin(strike: PlannedStrike) -> str:
-    """Sentence: how exactly the force must be met, and what shows that it was right."""
+    """Clause on how exactly the force of a strike by hand must be met, and what shows that it was right."""
     ratio = strike.impulse_n_s.max / max(strike.impulse_n_s.min, 1e-9)
     many = f"up to {ratio:.1f} times that force works" if ratio > 1.15 else "little more is too much"
     return f"right if it slows down, then falls; if it rocks back, a little harder; {many}"

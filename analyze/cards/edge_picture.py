@@ -69,10 +69,10 @@ def _edge(shape: DrawnShape, spec: ObjectSpec, strike: PlannedStrike) -> Array:
 
 
 def _azimuth(strike: PlannedStrike) -> float:
-    """Azimuth [rad] of the eye, from -y towards +x: on the side of the object on which the edge is.
+    """Azimuth [rad] of the eye, from -y towards +x, that shows the object from the side of its pivot edge.
 
-    An upright edge, which has a side on its left and one on its right, is seen from straight ahead; other
-    edges are seen from `FACED` (35 degrees) beside. For an edge that is on no side it is `FACED`.
+    The eye is straight before an edge that is upright in the object file, and turned by `FACED` (35 degrees)
+    to the side of any other edge. If the edge is on no side of the object, the azimuth is `FACED`.
     """
     tip, _, up = np.array(strike.R_world_object)
     outward = tip - up
