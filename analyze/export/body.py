@@ -82,8 +82,8 @@ def identifier(name: str) -> str:
     The identifier is a letter, then letters, digits and single underscores. Accents are dropped, as are other
     characters outside ASCII; blanks, hyphens and other ASCII characters become underscores. "object_" is put
     before a digit and before `RESERVED_NAMES`; "object" stands for a name of which nothing is left. SDF
-    reserves names between double underscores and `world`, MJCF `world`; USD allows letters, digits and
-    underscores only.
+    reserves `world` and names between double underscores, MJCF reserves `world`; USD allows letters, digits
+    and underscores only.
     """
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     word = re.sub(r"[^A-Za-z0-9]+", "_", plain).strip("_")

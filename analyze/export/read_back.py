@@ -156,7 +156,7 @@ def _gazebo(path: Path) -> Inertial:
 
 
 def _ros(path: Path) -> Inertial:
-    """Inertial parameters of a message that passes through ROS's serialisation, by its own definition."""
+    """Inertial parameters of a ROS message in a YAML or JSON file, serialised and read back by rosbags."""
     from rosbags.typesys import Stores, get_typestore
     from ruamel.yaml import YAML
 
