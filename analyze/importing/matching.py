@@ -90,7 +90,7 @@ class Placement:
         return view.T_camera_object[:3, :3] @ np.array(self.strikes[0].R_world_object)[2]
 
     def words(self, spec: ObjectSpec) -> str:
-        """Placement in words: the sides that lie on the table, face the camera and are tipped towards."""
+        """Placement in words: sides on the table and towards the camera, and the one that it tips towards."""
         strike = self.strikes[0]
         R_world_object = np.array(strike.R_world_object)
         under = side_name(spec, -R_world_object[2])

@@ -36,7 +36,7 @@ class SeenTips:
 
 @dataclass
 class _Images:
-    """Images of one tip that pass by; the first and the last are kept."""
+    """Images of one tip, passed on one at a time; the first and the last one read are kept."""
 
     images: Iterable[TimedImage]
     """the images"""
