@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class KeptReading:
-    """Reading of one strike without the recording's entry of it."""
+    """Result of reading one strike (motion, tracking, frames lost) as cached: without the strike's record."""
 
     motion: TipMotion
     """motion and fits"""

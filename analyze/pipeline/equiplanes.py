@@ -149,10 +149,9 @@ def with_edge(plane: EquiPlane, evidence: Evidence) -> EquiPlane:
 
 
 def _line_sd(evidence: Evidence, point: Array) -> float:
-    """1 sigma [m] of the place, across itself, of an edge in which two faces of the shape meet.
+    """1 sigma [m] of the position, normal to itself, of an edge in which two faces of the shape meet.
 
-    The error of the faces is that of the object file in use, which may differ from the one that the shape was
-    loaded with.
+    The error of the faces is taken from the object file in use; the shape may have been loaded with another.
 
     Args:
         evidence: strikes with object file and shape.

@@ -53,8 +53,8 @@ def rolling_outline(model: ObjectModel, planned: PlannedStrike) -> SupportFuncti
 def next_face_angle(model: ObjectModel, planned: PlannedStrike) -> float | None:
     """Tipping angle [rad] from which the object's next face may land on the table after balance, or None.
 
-    If another edge lands before the predicted balance, so that the object turns over it from then on, it is
-    the face that lands while it does so.
+    The next face is the first that lands after the predicted balance, while the object turns over the planned
+    edge or, if a face landed before the balance, over the edge at which that face ends.
 
     Args:
         model: the object's exterior, in the object frame O.
