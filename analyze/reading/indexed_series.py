@@ -44,7 +44,7 @@ class IndexedSeries:
             file.release_memory()
 
     def close(self) -> None:
-        """Unmap the files; one of which views are in use stays mapped."""
+        """Unmap the files; a file stays mapped while views of its bytes are in use."""
         self._indexes.clear()
         for file in self.files:
             file.close()
