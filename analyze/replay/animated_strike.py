@@ -197,7 +197,7 @@ def _animated(
 
 
 def _late_ns(tracks: Sequence[MarkerTrack], images: Sequence[ImageFrame]) -> IntArray:
-    """Delay (n,) [ns] of the tags after each image's own time, caused by a rolling shutter; else 0."""
+    """Delay (n,) [ns] of the tags after each image's own time by a rolling shutter; 0 if it is global."""
     late = next(((each.frame_ns, each.late_ns) for each in tracks if each.late_ns is not None), None)
     if late is None:
         return np.zeros(len(images), dtype=np.int64)

@@ -60,8 +60,8 @@ SESSION = {
 def distinct_colour(number: int) -> Colour:
     """Colour of a strike by its number from 0; no two of the first hundred are the same.
 
-    The first six are `CYCLE`'s. Later ones differ in hue by the golden section of the circle, and in
-    lightness from one to the next, on a dark ground.
+    The first are those of `CYCLE`. From one further number to the next, the hue advances by the golden
+    section of the colour circle, and the lightness changes; all are light enough for a dark ground.
     """
     if number < len(CYCLE):
         return CYCLE[number]

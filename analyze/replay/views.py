@@ -238,7 +238,7 @@ def object_poses(
 
 
 def spread(places: Array, apart: float) -> Array:
-    """Places (n,) on a line, moved as little as possible (least squares) so that all are `apart` or more."""
+    """Places (n,) on a line, moved as little as possible (least squares) to be at least `apart` apart."""
     order, steps = np.argsort(places, kind="stable"), apart * np.arange(len(places))
     moved = np.empty(len(places))
     moved[order] = isotonic_regression(places[order] - steps).x + steps
