@@ -30,9 +30,9 @@ TICKS = (0.2, 1.0, 5.0, 20.0)
 def prediction_figure(strikes: Sequence[StrikePrediction]) -> Figure:
     """Matplotlib figure of measured minus predicted tipping angle [deg] over time, a panel per strike.
 
-    Balance angle and rate constant are predicted from all other strikes; each motion starts as the strike's
-    own first frames (shaded) do in which only gravity and the table act. A 95 % band is drawn: 1.96 sd of the
-    difference. Strikes that are not consistent with their prediction are red.
+    Balance angle and rate constant are predicted from all other strikes; each predicted motion starts as the
+    strike's own first free frames (shaded) do. A 95 % band is drawn: 1.96 sd of the difference. Strikes that
+    are not consistent with their prediction are red.
 
     Raises:
         ValueError: there is no strike.
@@ -58,7 +58,7 @@ def prediction_figure(strikes: Sequence[StrikePrediction]) -> Figure:
 
 
 def prediction_figures(strikes: Sequence[StrikePrediction]) -> list[Figure]:
-    """Panels of `prediction_figure` as a figure each, with common scales, for a page that arranges them."""
+    """One figure per strike of measured minus predicted tipping angle [deg] over time, with common scales."""
     figures: list[Figure] = []
     with style():
         for strike in strikes:

@@ -100,7 +100,7 @@ def _print_answer(shown: Headline, console: Terminal) -> None:
 
 
 def _narrow_table(title: str, headings: Sequence[str]) -> Table:
-    """Table of numbers with little between them, its columns aligned to the right."""
+    """New terminal table, without rows so far, with narrow columns that are aligned to the right."""
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 1))
     for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)

@@ -32,7 +32,7 @@ _MAX_MISFIT = 3.0
 
 
 def voxel_figures(voxels: VoxelMap) -> list[Figure]:
-    """Figures of the mean density [g/cm³] along the line of sight, from front, side and top; their scale.
+    """Figures of mean density [g/cm³] along the line of sight: front, side, top; then the colour scale.
 
     `voxels` are cells of the body with their volumes and estimated densities; axes are in mm. Where there is
     next to no volume, the figure is blank.
