@@ -1,11 +1,11 @@
 """Random calibration errors applied to the strikes of a session.
 
 The evidence is then that of a rig and a scan known less precisely. The errors change the balance angle phi
-and the rate constant k of the strikes, the edges and the mass. The standard deviations of tilt, mass and
-edges replace the stated ones, while the values stay hidden from the estimators. All strikes of one session
-share one tilt, one mass and one mean edge radius; all strikes of one axis share one edge and its k. Errors
-that every estimate allows for (air drag, an edge rounder than the others) are drawn as well, so that the
-ratio of error to stated sd can reach 1.
+and the rate constant k of the strikes, the edges and the mass. The estimators are given the standard
+deviations of the errors of tilt, mass and edges in place of the stated ones, but not the errors drawn. All
+strikes of one session share one tilt, one mass and one mean edge radius; all strikes of one axis share one
+edge and its k. Errors that every estimate allows for (air drag, an edge rounder than the others) are drawn as
+well, so that the ratio of error to stated sd can reach 1.
 """
 
 from __future__ import annotations
