@@ -48,7 +48,7 @@ class ScaledUnit:
 
 
 def inertia_unit(moments: Array | list[float]) -> ScaledUnit:
-    """Unit of moments of inertia, any shape [kg m²], in which the largest is from 1 to 10."""
+    """Unit 10^n kg m² in which the largest of `moments` (array of any shape [kg m²]) is from 1 to 10."""
     largest = float(np.max(np.abs(moments), initial=0.0))
     exponent = math.floor(math.log10(largest)) if largest > 0 and math.isfinite(largest) else 0
     return ScaledUnit(exponent, "kg\u00a0m²")

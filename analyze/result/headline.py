@@ -30,7 +30,7 @@ class ShownEntry:
 
     @property
     def marked(self) -> str:
-        """Text in which a value from the shape stands in brackets."""
+        """Value with its 95 % interval as text, in brackets if it comes from the shape, not from strikes."""
         return self.text if self.measured else f"[{self.text}]"
 
 

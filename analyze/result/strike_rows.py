@@ -1,4 +1,4 @@
-"""Rows of strikes in the Result document: what each strike gave, and how well the others predict it."""
+"""Rows of strikes in the Result document: fitted values of each, and its prediction by the others."""
 
 from __future__ import annotations
 
