@@ -103,7 +103,8 @@ class Square:
 class _EdgeFits:
     """Fitted lines, blur and contrast of a square's four edges, with the normal equations of their fit.
 
-    The line of an edge lies a + b t [px] outside that of its band, with t from -1 to 1 along the edge.
+    An edge's fitted line lies a + b t [px] outwards from the first line of the edge, along which the pixels
+    (band) were chosen; t runs from -1 to 1 along the edge.
     """
 
     shape: Array
@@ -122,8 +123,8 @@ class _EdgeFits:
 class SquareFit:
     """A marker's black square as fitted in one image, with the pixels, line and blur of each edge.
 
-    The fit in the next image starts from these pixels, lines and blurs. The line of an edge lies a + b t [px]
-    outside that of its band, with t from -1 to 1 along the edge.
+    The fit in the next image starts from these pixels, lines and blurs. An edge's fitted line lies a + b t
+    [px] outwards from the first line of the edge, along which the pixels were chosen; t runs from -1 to 1.
     """
 
     square: Square
