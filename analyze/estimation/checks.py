@@ -101,8 +101,8 @@ class GravityEstimate:
 def leave_one_out(solution: JointSolution) -> tuple[LeaveOneOut, ...]:
     """Predict each strike's phi and ln k from all other strikes, and compare them with the measured ones.
 
-    phi is the balance angle [rad], k the rate constant of the tipping motion [rad/s^2]. The joint problem is
-    not solved again for each strike: the strike is taken out linearly about the solution of all. phi and k
+    phi is the balance angle [rad], k the rate constant of the tipping motion [rad/s^2]. No
+    estimate is made again: each strike in turn is taken out linearly about the solution of all. phi and k
     carry all the information that the tipping angle theta(t) has about the body; the prediction of theta(t)
     itself is in motion/predicted_motion.py.
 
@@ -231,7 +231,7 @@ def estimated_gravity(
 ) -> GravityEstimate:
     """Gravity estimated from phi and k of all strikes, as a relative difference from the stated one.
 
-    The joint problem is solved again with `OPEN_GRAVITY_RELATIVE_SD` as gravity's relative sd, a wider prior
+    All strikes are estimated again with `OPEN_GRAVITY_RELATIVE_SD` as gravity's relative sd, a wider prior
     of the moments (`FILLING_FACTOR`) and a larger error of each axis's k (`AXIS_K_FLOOR`). If gravity
     differs by more than `SIGMAS` sd, it is solved once more without the k of each axis. An axis is named as
     the cause if the others agree with the stated gravity, and by themselves exclude the difference found; of

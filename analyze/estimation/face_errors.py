@@ -28,8 +28,8 @@ edges whose faces are 0.3 mm off held its centre of mass in 83 % of sessions; so
 def estimated_face_sd(planes: Sequence[EquiPlane], systematic: SystematicErrors, prior: ComPrior) -> float:
     """Standard deviation [m] of the places of a shape's faces, given the strikes' balance angles.
 
-    Sizes around the assumed one are weighed by the marginal likelihood of the balance angles: the joint
-    problem is linearised at its solution, and all unknowns are integrated out. The result is the sd of a
+    Sizes around the assumed one are weighed by the marginal likelihood of the balance angles: the model of
+    all strikes is linearised at its solution, and all unknowns are integrated out. The result is the sd of a
     normal error with the 95 % interval of one whose size is so uncertain: larger sizes that the strikes leave
     possible count, since few strikes may agree by chance. Where the strikes say nothing, it is 1.4 times the
     assumed one.

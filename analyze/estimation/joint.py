@@ -189,7 +189,7 @@ def _solve(
     moments: MomentModel | None,
     initial: tuple[Array, Array | None] | None,
 ) -> JointSolution:
-    """Solve the joint problem with the sds of shared errors and scatter as they are in `systematic`.
+    """Joint estimate from all strikes, with the sds of shared errors and scatter that `systematic` has.
 
     Args:
         planes: Equi-planes of the strikes.

@@ -1,8 +1,8 @@
 """Posterior of centre of mass c and moments of inertia where linear error propagation is wrong.
 
 If the strikes leave a direction v of c open, the moments I / m = g R / k - R^2 are curved along it, and sd
-from the Jacobian at one point mean nothing. The joint problem is then solved at fixed values s of c.v, each
-from its neighbour; a solution has the weight
+from the Jacobian at one point mean nothing. All strikes are then estimated jointly at fixed values s of c.v,
+each from its neighbour; a solution has the weight
 
     exp(-misfit / 2) / sqrt(det H),
 
@@ -66,8 +66,9 @@ class _Point:
 
 
 class _Problem:
-    """Problem of all strikes, to be solved with the centre of mass c held along given directions.
+    """Least-squares problem of all strikes, to be solved with c held along given directions.
 
+    c is the centre of mass.
     The strikes' robust weights, and the factor `spread` on their variances, stay those of `solution`.
 
     Args:

@@ -13,7 +13,7 @@ Parallel axes with different R share one moment about c, and then
 
     s = (R1^2 - R2^2) / (g (R1 / k1 - R2 / k2))
 
-needs no filling at all; the joint problem with a free rate combines this over all axes.
+needs no filling at all; a joint estimate from all strikes, with a free rate, combines this over all axes.
 """
 
 # scipy is only partly typed.
@@ -316,7 +316,7 @@ def estimated_rate(
 ) -> RateEstimate | None:
     """Estimate of the ratio of true to stated frame rate that holds whatever the filling of the shape is.
 
-    It needs pivot axes at different distances from the centre of mass. The joint problem is solved with
+    It needs pivot axes at different distances from the centre of mass. All strikes are estimated jointly with
     gravity as a free parameter: a factor on it acts on the strikes' rate constants k (theta'' = -k sin(phi -
     theta), theta the tipping angle) as the square of a factor on the frame rate. The k of each axis has the
     further error `RATE_K_FLOOR`.

@@ -1,4 +1,4 @@
-"""Joint problem solved again with one strike left out, where its linear removal is not accurate.
+"""Estimate from all strikes made again without one of them, where its linear removal is inaccurate.
 
 The likelihood ratio of the problems with and without a strike tests the strike whatever the shape of the
 posterior: it is the difference of their least misfits. For a linear model that is the squared standardised
@@ -24,7 +24,7 @@ CONVERGED_DECREASE = 1e-3
 
 @dataclass(frozen=True)
 class Refit:
-    """Solution of the problem of all strikes without one of them, and how much that one raises the misfit."""
+    """Solution of all strikes but one, and how much the one left out raises the least misfit."""
 
     x: Array
     """(count,) unknowns without the strike."""

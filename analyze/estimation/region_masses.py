@@ -194,7 +194,7 @@ def _shell_posterior(
     The regions are the shell (outer wall), and the interior above and below the surface: a plane or, by
     `kind` of body, a ball. The draws of their mass shares are (n, 3), one per drawn surface. The evidence is
     the log probability of the measured moments with this thickness, up to a constant. `cells` are the small
-    pieces of the body divided for it.
+    pieces of the body, divided for this thickness.
     """
     problem = RegionProblem(parameters, cells)
     chains, log_evidence = surface_posterior(problem, rng, kind)

@@ -199,7 +199,7 @@ def _shares(solution: JointSolution, prior: ComPrior) -> Iterator[tuple[ErrorSou
 
 
 def _terms(model: JointModel) -> dict[ErrorSource, list[int]]:
-    """Indices of each error source's unknowns in the joint model's vector of unknowns, by source.
+    """Indices of each error source's unknowns in the vector of all unknowns of `JointModel`, by source.
 
     Sources without unknowns of their own (noise, scatter of the angles, prior, mass) are absent.
     """

@@ -3,7 +3,7 @@
 A scan that is 0.3 mm off moves the parts' centroids, and so changes the masses with which they have the
 measured centre of mass. The same error is in the measured centre of mass and moments, as pivot edges lie on
 the faces. A part's face on which the object rests, or that rises from a pivot edge, therefore has the error
-of that face in the joint problem of all strikes. Every other face has an error of its own.
+of that face in the joint estimate from all strikes. Every other face has an error of its own.
 """
 
 from __future__ import annotations

@@ -75,8 +75,8 @@ class Alternative:
     def holds(self) -> bool:
         """True if, under the alternative, c and the measured moments stay close enough to the stated ones.
 
-        Close enough: inside the stated 95 % intervals, `SLACK` times as wide, or explained by what was left
-        out.
+        Close enough: inside the stated 95 % intervals, `SLACK` times as wide, or changed by no more than the
+        uncertainty that the alternative adds (`alternatives`).
         """
         return self.com_holds and self.moments_hold
 
