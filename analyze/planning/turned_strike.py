@@ -88,7 +88,7 @@ def with_tilt_measured(information: Information, by: TurnableAxis) -> Informatio
     """Copy of `information` in which two strikes on one axis have measured the table's tilt.
 
     One of the strikes is at the usual heading, the other with object and striker turned by 180 degrees. The
-    1 sigma of the tilt combines theirs with the one before.
+    new 1 sigma of the tilt combines that of these two strikes with the 1 sigma before.
 
     Args:
         information: Information of planned strikes about the object, with the errors that they share; it is
