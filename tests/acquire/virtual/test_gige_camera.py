@@ -209,6 +209,34 @@ def test_after_a_killed_client_the_next_one_gets_new_slots(camera: VirtualGigeCa
     assert set(np.diff(stamps)) == {8_333_000}
 
 
+def test_first_frame_has_its_time_if_the_start_is_reported_late(
+    nothing_left, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The fake camera sends as soon as its register is set; the relay's thread hears of it later."""
+    report = VirtualGigeCamera._on_acquisition
+
+    def report_late(camera: VirtualGigeCamera, streaming: bool) -> None:
+        if streaming:
+            time.sleep(0.15)  # longer than the fake's pause between two looks at its registers, 0.1 s
+        report(camera, streaming)
+
+    monkeypatch.setattr(VirtualGigeCamera, "_on_acquisition", report_late)
+    clock = SystemClock()
+    camera = VirtualGigeCamera(loopback(75), "S", PatternSource(clock, 7), clock)
+    client = Client(loopback(75))
+    try:
+        with client.socket, stream_socket() as stream:
+            started = camera.device_clock.now_ns()
+            start_streaming(client, stream)
+            stamps, numbers = read_frames(stream, 5)
+            client.write(ACQUISITION, 0)
+            client.write(PRIVILEGE, 0)
+    finally:
+        camera.close()
+    assert stamps[0] > started
+    assert numbers == list(range(5))
+
+
 def test_device_clock_drifts_and_maps_back_exactly() -> None:
     clock = SystemClock()
     device = DeviceClock(clock, drift=37e-6)
