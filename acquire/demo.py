@@ -132,7 +132,7 @@ def _session(
     truth_path: Path,
     cleanup: contextlib.ExitStack,
 ) -> SessionReport:
-    """Run a session on a virtual rig; copy its ground truth to `truth_path` also if the session ends early.
+    """Run a session on a virtual rig; copy its ground truth to `truth_path`, also if it ends early.
 
     Args:
         rig: devices of the virtual rig, not yet started.

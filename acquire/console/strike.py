@@ -1,4 +1,4 @@
-"""Terminal interface of `acquire strike`: questions, tables and JSON; its options are in acquire/cli.py."""
+"""Terminal interface of `acquire strike`: questions, tables, JSON; its options are in acquire/cli.py."""
 
 from __future__ import annotations
 

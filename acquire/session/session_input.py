@@ -60,9 +60,9 @@ class SessionInput:
             )
 
     def lacks_places(self, seen: Sequence[SeenMarker]) -> bool:
-        """True if the object's markers in view are all without a place in the object file.
+        """True if markers of the object are in view, all of them without a place in the object file.
 
-        Their first strikes find the places (`analyze register`), so that no placement can be checked yet.
+        The first strikes serve to find the places (`analyze register`): no placement can be checked yet.
 
         Args:
             seen: markers in view, also those of other objects.

@@ -1,4 +1,4 @@
-"""One reading of the servo, with the units in which its registers count position, velocity and current.
+"""One reading of the servo, and the units in which its registers count angle, velocity and current.
 
 An arm angle is 0 at the impact point, where the arm hangs, and positive towards the object.
 """

@@ -18,9 +18,10 @@ PERIOD_NS = 500_000_000
 class TickClock:
     """Continuous device time [ns] from the servo's tick, which counts 1 ms and wraps at 32768.
 
-    It is published with the host's times around the reading, and nothing is estimated here. Who reads the
-    samples can: at some time between `host_before_ns` and `host_after_ns` (host monotonic) the clock showed
-    at least the published time and less than 1 ms more, which over 5 to 10 s determines it to about 0.4 ms.
+    It is published with the host's times around the reading; its mapping to host time is left to those
+    who read the samples. At some time between `host_before_ns` and `host_after_ns` (host monotonic) the clock
+    showed at least the published time and less than 1 ms more, which over 5 to 10 s determines the mapping to
+    about 0.4 ms.
 
     Args:
         sink: called with each published clock sample (device time with the host times around it).

@@ -174,7 +174,10 @@ def few_corners(points: NDArray[np.float64], tolerance_m: float = CORNER_TOLERAN
 
 
 def _best_cut(piece: _Piece) -> tuple[int, float, float]:
-    """Axis and offset [m] of the plane whose two hulls are smallest, and the volume that it saves [m3]."""
+    """Axis and offset [m] of the best plane to cut a piece, and the volume [m3] that it saves.
+
+    The volume is that of the piece's hull less those of both parts' hulls. All are 0 if no plane saves any.
+    """
     best = (0, 0.0, 0.0)
     points = piece.triangles.reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)

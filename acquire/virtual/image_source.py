@@ -1,4 +1,4 @@
-"""Source of a virtual camera's images: what a camera asks of it, and the settings that it hands over."""
+"""Interface of a source of a virtual camera's images, and the camera settings passed to the source."""
 
 from __future__ import annotations
 

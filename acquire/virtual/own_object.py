@@ -213,12 +213,14 @@ def _parse(text: str, name: str) -> ObjectSpec:
 
 
 def _copy_shape(text: str, path: Path, target: Path) -> None:
-    """Copy the shape file that an object file names by a relative path, to where its copy needs it.
+    """Copy the shape file that an object file names by a relative path, to that path beside `target`.
+
+    Nothing is copied if the object has no shape file, or names it by an absolute path.
 
     Args:
         text: content of the object file, to which tags will be added.
         path: the user's object file.
-        target: the copy of it.
+        target: path of the copy of the object file.
 
     Raises:
         ConfigError: the shape file cannot be read, or its path contains "..".
@@ -270,7 +272,7 @@ def _exterior(object_path: Path, folder: Path, name: str) -> _Exterior:
 
 
 def _view_distance(extent: NDArray[np.float64]) -> float:
-    """Distance of the camera [m] from which an object of that extent (3,) [m] is seen while it tips."""
+    """Camera distance [m] from which the whole of an object with bounding box `extent` (3,) [m] is seen."""
     return float(np.clip(DISTANCE_M * extent.max() / _VIEWED_M, _NEAREST_M, _FARTHEST_M))
 
 

@@ -85,7 +85,7 @@ def hull_over(parts: Sequence[NDArray[np.float64]], members: Sequence[int]) -> P
 
 
 def merged_tree(parts: Sequence[NDArray[np.float64]], tree: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Tree of the same planes that divides a body so that hulls over its branches show it from most sides.
+    """Tree of dividing planes, rearranged so that hulls over its branches show the body from most sides.
 
     In each branch the plane is taken after which the fewest surfaces are expected, of those that cut no part.
 

@@ -186,7 +186,10 @@ def _refuse_other_file(path: Path) -> None:
 
 
 def _place_for_a_look(world: OperatorLink, virtual_object: VirtualObject) -> None:
-    """Put the object over the world frame's origin, the largest tag of its upright sides to the camera."""
+    """Place the object over the world frame's origin, with the largest tag on its upright sides in view.
+
+    The tag faces the camera. Without such a tag the object is not turned.
+    """
     tags = [
         (marker.size_m, np.array(marker.T_object_marker)[:3, 2])
         for marker in virtual_object.spec.marker

@@ -97,7 +97,9 @@ def _place_on_side(
 
 
 def _lies_flat(local: NDArray[np.float64], T: NDArray[np.float64], size: float) -> bool:
-    """True if a tag's card lies on the surface everywhere, within 0.15 of the tag's edge.
+    """True if the corners and the middles of the sides of a tag's card lie on the surface.
+
+    Their distance from it, along z, may be up to 0.15 times the length of the tag's edge.
 
     Args:
         local: (n, 3, 3) corners of the surface's triangles [m], z towards the viewer.

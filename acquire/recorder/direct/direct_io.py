@@ -1,4 +1,4 @@
-"""System calls of direct I/O (O_DIRECT): allocate disk space, write whole pages, try what a disk accepts."""
+"""System calls of direct I/O (O_DIRECT): allocate disk space, write whole pages, test for support."""
 
 from __future__ import annotations
 
