@@ -238,7 +238,7 @@ def _clean(part: int | str) -> str:
     """Printable text of one name or number in a key's path.
 
     Characters that cannot be printed become "?". A text longer than MAX_SHOWN_LENGTH is cut to that length
-    and ends in "...".
+    and followed by "...".
     """
     text = "".join(letter if letter.isprintable() else "?" for letter in str(part))
     return text if len(text) <= MAX_SHOWN_LENGTH else f"{text[:MAX_SHOWN_LENGTH]}..."

@@ -30,10 +30,12 @@ def software_version() -> str:
 
 
 def extra_command(extra: str) -> str:
-    """Command that installs an extra of this package, from its folder: it is on no package index.
+    """Command that installs an extra (optional dependencies) of this package from the project's folder.
+
+    The package is on no package index.
 
     Args:
-        extra: name in pyproject.toml, for example "export".
+        extra: name of the extra in pyproject.toml, for example "export".
     """
     by_uv = Path(sys.prefix, "uv-receipt.toml").exists()  # `uv tool install` leaves it; there is no pip
     return f"{'uv tool' if by_uv else 'pip'} install '.[{extra}]' in the project's folder"
