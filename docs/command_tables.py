@@ -9,7 +9,7 @@ from drawing import escaped
 
 
 def commands() -> Iterator[tuple[str, click.Command]]:
-    """Every command with its full name, as `analyze plan`."""
+    """Yield each command, without groups and hidden ones, after its full name, as `analyze plan`."""
     from acquire.cli import main as acquire
     from analyze.cli import main as analyze
 
@@ -28,7 +28,7 @@ def commands() -> Iterator[tuple[str, click.Command]]:
 
 
 def _options(command: click.Command, context: click.Context) -> Iterator[str]:
-    """A row for each option that the help shows."""
+    """Yield a Markdown table row (name, help text) for each option of a command but --help."""
     options = (one for one in command.get_params(context) if isinstance(one, click.Option))
     for parameter in options:
         record = parameter.get_help_record(context)
@@ -38,7 +38,7 @@ def _options(command: click.Command, context: click.Context) -> Iterator[str]:
 
 
 def option_tables() -> str:
-    """A section per command: usage, help, options."""
+    """Markdown text with a section for each command: usage line, help text, table of options."""
     sections = []
     for name, command in commands():
         context = click.Context(command, info_name=name)

@@ -67,17 +67,17 @@ MARKUP_OF_RST = re.compile(r"(``.*?``|`[^`]*`)|([|*_\\])")
 
 
 def _is_text(line: str) -> bool:
-    """True for a line of a paragraph that is not indented: no field, directive or list."""
+    """True if `line` is unindented text: not empty, and no field, directive or list item."""
     return bool(line) and not line.startswith((" ", ":", "..", "- ", "* "))
 
 
 def _plain_docstring(
     _app: Any, _kind: str, _name: str, _object: Any, _options: Any, lines: list[str]
 ) -> None:
-    """Read a docstring as its authors mean it.
+    """Rewrite the lines of a docstring, in place, as reStructuredText that shows them as they stand.
 
-    Lines indented by four spaces below a paragraph are code or an equation; |theta'|, *.mcap and name_ are no
-    markup of reStructuredText.
+    Lines indented by four spaces below a paragraph become a literal block (code or an equation). Characters
+    that reStructuredText would take for markup, as in |theta'|, *.mcap and name_, are escaped.
     """
     found: list[str] = []
     paragraph, code = "", False
@@ -95,7 +95,7 @@ def _plain_docstring(
 
 
 def _keep_colons(_app: Any, kind: str, _name: str, _object: Any, _options: Any, lines: list[str]) -> None:
-    """Keep the words before a colon in an attribute's first line, which Napoleon takes for its type."""
+    """Keep the words before a colon in an attribute's first line, which Napoleon would take for a type."""
     if kind in {"attribute", "data", "property"}:
         lines[:0] = ["..", ""]  # an empty comment: Napoleon skips leading empty lines
 
@@ -108,14 +108,14 @@ GENERATED = {
 
 
 def _generated_tables(_app: Any, name: str, source: list[str]) -> None:
-    """Fill in the tables that are read from the code."""
+    """Insert the tables of modules and of command options, made from the code, into their two pages."""
     if name in GENERATED:
         mark, tables = GENERATED[name]
         source[0] = source[0].replace(mark, tables())
 
 
 def setup(app: Any) -> None:
-    """Connect the hooks above; `_keep_colons` runs before Napoleon's, whose priority is 500."""
+    """Connect this file's three hooks to Sphinx; `_keep_colons` runs before Napoleon (priority 500)."""
     app.connect("autodoc-process-docstring", _keep_colons, priority=400)
     app.connect("autodoc-process-docstring", _plain_docstring)
     app.connect("source-read", _generated_tables)

@@ -51,7 +51,7 @@ def imported_names(path: Path) -> set[str]:
 
 
 def package_imports(top: str) -> Graph:
-    """Subpackages of `top`, and for each the subpackages that it imports."""
+    """Graph of `top`: for each subpackage those that it imports, with the number of importing places."""
     graph: Graph = {path.parent.name: {} for path in sorted((ROOT / top).glob("*/__init__.py"))}
     for path in module_files(top):
         package = path.relative_to(ROOT / top).parts[0]
@@ -75,7 +75,7 @@ def reachable(graph: Graph, start: str) -> set[str]:
 
 
 def without_cycles(graph: Graph) -> tuple[Graph, list[tuple[str, str]]]:
-    """The graph without the weakest import of every cycle, and those imports."""
+    """Graph without cycles, and the imports removed: of each cycle the one with the fewest places."""
     graph = {user: dict(used) for user, used in graph.items()}
     removed = []
     while True:
@@ -109,7 +109,7 @@ def layers(graph: Graph) -> list[list[str]]:
 
 
 def reduced(graph: Graph) -> list[tuple[str, str]]:
-    """Imports that do not follow from others."""
+    """Imports (importer, imported) that remain if each one implied by a chain of others is left out."""
     below = {name: reachable(graph, name) for name in graph}
     return sorted(
         (user, used)
@@ -131,7 +131,7 @@ def arranged(graph: Graph, width: float) -> dict[str, tuple[float, int]]:
 
 
 def _panel(top: str, above: float, width: float) -> tuple[list[str], float]:
-    """SVG elements of one package's panel, and its height."""
+    """SVG elements of the panel of package `top`, whose upper edge is at `above`, and its height [px]."""
     graph, removed = without_cycles(package_imports(top))
     place = arranged(graph, width - 2 * GAP_X)
     height = len(layers(graph)) * (NODE_HEIGHT + GAP_Y) + 30
@@ -163,7 +163,7 @@ def _panel(top: str, above: float, width: float) -> tuple[list[str], float]:
 
 
 def svg() -> str:
-    """The drawing: `analyze` above `acquire`, both on the bar of `schemas`."""
+    """SVG text of the drawing: panel of `analyze` above that of `acquire`, below them a bar `schemas`."""
     width = LONGEST_ROW * (NODE_WIDTH + GAP_X) + 2 * GAP_X
     total, above, elements = width + 40, 20.0, []
     for top in reversed(TOPS):
@@ -189,7 +189,7 @@ def svg() -> str:
 
 
 def escaped(text: str) -> str:
-    """Text that stands in a cell of a Markdown table as it is; code spans stay code."""
+    """Text escaped so that a cell of a Markdown table shows it unchanged; code spans stay code."""
     spans = re.split(r"(`[^`]*`)", text)
     return "".join(
         one.replace("|", "\\|") if one[:1] == "`" else re.sub(r"[\\|<*_$[]", r"\\\g<0>", one) for one in spans

@@ -1,4 +1,4 @@
-"""A renderer of equations for Sphinx: LaTeX to MathML at build time; pages need no script and no network."""
+"""Renderer of equations for Sphinx: LaTeX to MathML at build time; pages need no script or network."""
 
 from __future__ import annotations
 
@@ -19,6 +19,6 @@ def _block(writer: Any, node: nodes.Element) -> None:
 
 
 def setup(app: Any) -> dict[str, bool]:
-    """Register the renderer `mathml`."""
+    """Register the equation renderer `mathml` with Sphinx; it may run in parallel."""
     app.add_html_math_renderer("mathml", inline_renderers=(_inline, None), block_renderers=(_block, None))
     return {"parallel_read_safe": True, "parallel_write_safe": True}

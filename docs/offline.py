@@ -26,14 +26,14 @@ CSS_ELSEWHERE = re.compile(r"""(?:@import\s+|url\()\s*["']?((?:https?:)?//[^"')\
 
 
 class _Loads(HTMLParser):
-    """Addresses that a browser fetches when it shows a page."""
+    """Parser that collects in `found` the addresses that a browser fetches to show an HTML page."""
 
     def __init__(self) -> None:
         super().__init__()
         self.found: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Collect the address of an element that is fetched by itself."""
+        """Add the address of an element that a browser loads without a click, such as an image."""
         values = {name: value or "" for name, value in attrs}
         if tag == "link" and LOADED_LINKS & set(values.get("rel", "").split()):
             self.found.append(values.get("href", ""))
@@ -42,7 +42,7 @@ class _Loads(HTMLParser):
 
 
 def loads_from_elsewhere(site: Path) -> list[str]:
-    """Page and address of everything that a page or style sheet would load from another host."""
+    """Lines "file: address" for everything that a page or style sheet of a site loads from other hosts."""
     problems = []
     for page in sorted(site.rglob("*.html")):
         parser = _Loads()
@@ -57,7 +57,7 @@ def loads_from_elsewhere(site: Path) -> list[str]:
 
 
 def main() -> int:
-    """Print what is loaded from elsewhere; 1 if there is any."""
+    """Print what the site loads from other hosts; return 1 if it loads anything from there, else 0."""
     problems = loads_from_elsewhere(Path(sys.argv[1]))
     print("\n".join(problems), file=sys.stderr, end="\n" if problems else "")
     return int(bool(problems))

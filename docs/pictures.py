@@ -1,4 +1,4 @@
-"""Make the documentation's pictures of a report, a replay and a tip: `python docs/pictures.py FILE.mcap`."""
+"""Makes the documentation's pictures of report, replay and tip: `python docs/pictures.py FILE.mcap`."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ LEAST_GAP_PX = 12
 
 
 def screenshot(page: Path, size: tuple[int, int], picture: Path) -> None:
-    """Write what a browser of the given size shows of a page."""
+    """Write an image of an HTML page as a browser window of `size` (width, height) [px] shows it."""
     browser = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
     options = [f"--window-size={size[0]},{size[1]}", f"--screenshot={picture}"]
     subprocess.run([*browser, *options, page.as_uri()], check=True, capture_output=True)
 
 
 def end_at_a_gap(picture: Path) -> None:
-    """Cut a page's picture off at its last blank stripe, so that nothing is cut in two."""
+    """Crop an image file below its last blank stripe, so that no line of text at the end is cut in two."""
     image = cv2.imread(str(picture))
     blank = np.all(image == image[:, :1], axis=(1, 2))
     gaps = np.convolve(blank, np.ones(LEAST_GAP_PX), "valid") == LEAST_GAP_PX
@@ -42,7 +42,7 @@ def good_strike(recording: Path) -> str:
 
 
 def main() -> int:
-    """Write the report's and the replay's pictures; exit code."""
+    """Write the pictures of report, replay and tip into docs/images; return 2 on wrong usage, else 0."""
     if len(sys.argv) != 2:
         sys.stderr.write("usage: python docs/pictures.py FILE.mcap\n")
         return 2
