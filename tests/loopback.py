@@ -2,9 +2,8 @@
 
 A virtual camera holds UDP port 3956 of its address, so two test runs that name the same addresses are in each
 other's way. Each process that runs tests therefore has a network 127.N.0.x of its own. It holds an abstract
-unix socket of that name: those belong to the same network namespace as the addresses, and go with the process
-    however it ends. By hand cameras are started at 127.0.0.x, which is never
-given out.
+unix socket named after that network: such sockets belong to the same network namespace as the addresses, and
+vanish when the process ends, however it ends. 127.0.0.x is left to cameras that are started by hand.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ automatically if not set"""
 
 
 def loopback(host: int) -> str:
-    """Address in this process's network with the given last number."""
+    """Loopback address 127.N.0.`host` in the network that this test process holds."""
     return f"{_network()}.{host}"
 
 

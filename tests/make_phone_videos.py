@@ -53,7 +53,7 @@ Side = tuple[np.ndarray, Image]
 
 
 def main(folder: Path) -> None:
-    """Write the videos, named as phones do and in no order, and expected.toml."""
+    """Write the videos and expected.toml; videos are named by time, in another order than the plan's."""
     spec = tomllib.loads((folder / "teabox.toml").read_text(encoding="utf-8"))
     plan = json.loads((folder / "plan.json").read_text(encoding="utf-8"))
     random = np.random.default_rng(7)
@@ -99,7 +99,7 @@ def tipping(strike: dict, rate_hz: int) -> Iterator[float]:
     about_c = float(axis @ INERTIA @ axis)
 
     def mass_at(theta: float) -> float:
-        """Generalised mass of the angle [kg m^2]: twice the kinetic energy over the squared rate."""
+        """Moment of inertia about the contact line [kg m^2] at the angle `theta` [rad]."""
         rolling = radius**2 + 2 * radius * across * math.cos(phi - theta)
         return about_c + MASS * (across**2 + rolling)
 
@@ -122,7 +122,7 @@ def tipping(strike: dict, rate_hz: int) -> Iterator[float]:
 
 
 def camera() -> tuple[np.ndarray, np.ndarray]:
-    """Rotation from W to the camera's frame, and the camera's place in W [m]: a phone on a stand, by eye."""
+    """Pose of the phone, aligned by eye: rotation (3, 3) from world to camera, position in the world [m]."""
     forward = (LOOK_AT - EYE) / np.linalg.norm(LOOK_AT - EYE)
     right = np.cross(forward, [0.02, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -209,7 +209,7 @@ def _corners(middle: np.ndarray, right: np.ndarray, up: np.ndarray) -> np.ndarra
 
 
 def background(random: np.random.Generator) -> Image:
-    """Table and wall, drawn at twice the size."""
+    """Image of table and wall, drawn at twice the size of the phone's images."""
     R, eye = camera()
     large = np.full((2 * HEIGHT, 2 * WIDTH), 118, np.uint8)
 
@@ -293,9 +293,10 @@ def board_images(random: np.random.Generator) -> Iterator[Image]:
 
 
 def table_images(random: np.random.Generator) -> Iterator[Image]:
-    """Images of the board that stands on the table at y = 0 and faces the phone, its mark above W's origin.
+    """Images of the board that stands upright on the table, in the world's plane y = 0, facing the phone.
 
-    Its paper ends half a square below the mark: `--upright --mark-mm 0,0,11`.
+    Its paper stands on the table; its mark (a corner of a square) is half a square above the world's origin:
+    `--upright --mark-mm 0,0,11`.
     """
     corners, texture = _printed_board()
     R, eye = camera()

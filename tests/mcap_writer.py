@@ -1,4 +1,4 @@
-"""Recorder of one file with shortcuts for tests: a `with` block, and messages of any topic one at a time."""
+"""Writer of one recording for tests: a `with` block, and messages of any topic one at a time."""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
-"""Recordings of whole sessions made fast, for archives.
+"""Recordings of whole simulated sessions, made fast, for tests of archives of many recordings.
 
-A Runge-Kutta pendulum tips; the images show a tag in front of grey.
-
-Each is what the recorder would write, PNG images, a few megabytes. What it does not model: slip, the arm,
-lens distortion, noise, other tags than the one that faces the camera.
+The object tips as a pendulum (Runge-Kutta); the images show one tag on grey. A recording has the form that
+the recorder gives it, with PNG images, and a few megabytes. Not modelled: slip, the arm, lens distortion,
+noise, other tags than the one that faces the camera.
 """
 
 from __future__ import annotations
@@ -208,7 +207,7 @@ def _in_view(strike: PlannedStrike, spec: ObjectSpec, body: Body, lens: Station)
 
 
 def _corners(marker: MarkerSpec, R: np.ndarray, p: np.ndarray, lens: Station, half: float) -> np.ndarray:
-    """Corners (4, 2) [px] of a square around the tag's centre, from the top left."""
+    """Corners (4, 2) [px] of a square of half edge `half` [m] around a tag's centre, from the top left."""
     T = np.array(marker.T_object_marker)
     square = half * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
     world = (square @ T[:3, :3].T + T[:3, 3]) @ R.T + p

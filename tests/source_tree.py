@@ -29,8 +29,10 @@ def nodes_of(path: Path) -> tuple[ast.AST, ...]:
 
 @cache
 def imports_of(path: Path) -> list[tuple[int, str]]:
-    """(line, full name) of everything imported, also inside functions: of `from a import b` it is a.b,
-    relative names are made whole."""
+    """Line and full name of every import of a file, also inside functions.
+
+    The name of `from a import b` is a.b; relative names are made absolute.
+    """
     package = path.relative_to(ROOT).parent.parts
     found = []
     for node in nodes_of(path):

@@ -153,8 +153,10 @@ def _module(path: Path) -> str:
 
 @cache
 def _top_level_imports(path: Path) -> list[tuple[int, str]]:
-    """Imports that run when the module is loaded: not those in functions, nor those for type checkers
-    only."""
+    """Line and full name of imports that run when a module is loaded.
+
+    Imports in functions, and those for type checkers only, are left out.
+    """
     late = {
         inner
         for node in nodes_of(path)

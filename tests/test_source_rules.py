@@ -1,4 +1,4 @@
-"""Rules that a parser can check: documented shapes of arrays, colours of plots, reasons for long files."""
+"""Rules that a parser can check: documented array shapes, colours of plots, reasons for long files."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def _takes_or_gives_arrays(node: ast.FunctionDef) -> bool:
 
 @pytest.mark.parametrize("path", ARRAY_SOURCES, ids=name_of)
 def test_public_array_functions_document_shapes(path):
-    """Arrays say how many axes they have and what runs along them, as (n, 3)."""
+    """Docstrings of public functions with arrays state a shape, for example (n, 3)."""
     undocumented = [
         f"{name_of(path)}:{node.lineno}: {node.name}"
         for node in _public_functions(parsed(path))
@@ -44,7 +44,7 @@ def test_public_array_functions_document_shapes(path):
 
 
 def test_plot_colours_are_defined_in_the_style_file_only():
-    """A plot takes its colours by name from `analyze/report/style.py`; nothing and white are no colours."""
+    """Plots take colours by name from `analyze/report/style.py`; only "none" and white may be literal."""
     keywords = {
         "color",
         "colors",

@@ -2,9 +2,9 @@
 
 Its clock runs 50 ppm fast from an arbitrary origin. The first four pixels of an image hold its number, so
 that a test can identify the frame of an image. `CAMERA_FAULTS=lose:N,die:N` loses every Nth frame, or stops
-sending once, after frame N, until it is opened again; `stick:N` never returns from reading frame N,
-`freeze:N` neither, and holds the interpreter meanwhile, as a library with a fault does. A file that
-`CAMERA_FAULTS_ONCE` names is removed by the first process that is to stick or freeze: the next one does not.
+sending once, after frame N, until it is opened again; `stick:N` never returns from reading frame N;
+`freeze:N` does not return either and holds the interpreter, like a faulty library. If `CAMERA_FAULTS_ONCE`
+names a file, the first process to load this module removes it; the cameras of later ones have no faults.
 """
 
 from __future__ import annotations
@@ -151,9 +151,9 @@ _faults = Faults.from_environment()
 
 
 def make(config: CameraConfig, clock: Clock, borrowable_frames: int = 0) -> Camera:
-    """Camera with the faults of CAMERA_FAULTS, one set of them for the whole process.
+    """Synthetic camera with the faults of the environment variable CAMERA_FAULTS.
 
-    Therefore a camera that died once lives after the reconnection.
+    All cameras of a process share the faults: one that occurs once does not recur after a reconnection.
     """
     return SyntheticCamera(config, clock, _faults, borrowable_frames)
 

@@ -2,7 +2,7 @@
 
 It ends when its input closes, or on SIGTERM.
 
-It models the wire, not the world: nothing moves, there is no lens, no noise.
+The protocol is real (GigE Vision); the scene is not modelled: nothing moves, there is no lens, no noise.
 """
 
 from __future__ import annotations

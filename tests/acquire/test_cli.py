@@ -20,7 +20,7 @@ from acquire.virtual import devices
 
 @pytest.fixture
 def cameras(monkeypatch: pytest.MonkeyPatch) -> list[CameraInfo]:
-    """Cameras that answer `acquire discover`; empty at first."""
+    """List, empty at first, of the cameras that `acquire discover` is made to find."""
     pytest.importorskip("gi")
     found: list[CameraInfo] = []
     monkeypatch.setattr("acquire.camera.aravis_library.discover", lambda: found)

@@ -57,7 +57,7 @@ def rig_file(path: Path, **sections: str) -> Path:
 
 
 def accepts(config: StrikerConfig, speed: float) -> bool:
-    """True if the striker accepts the speed; checked without a servo."""
+    """True if a striker of this configuration accepts a tip speed [m/s]; checked without a servo."""
     striker = DynamixelStriker(config, lambda *_: None, lambda *_: None, lambda *_: None, SystemClock())
     try:
         striker._checked_velocity(speed)
@@ -72,7 +72,7 @@ def test_without_a_rig_file_plans_are_for_the_nominal_striker() -> None:
 
 
 def test_the_limits_by_hand(tmp_path: Path) -> None:
-    """Hand calculation: 0.3 rad in 0.06 s are 5 rad/s, below the limit of 8 rad/s, times 50 mm."""
+    """Fastest tip speed by hand: 0.3 rad in 0.06 s, 5 rad/s, below the limit of 8 rad/s; times 50 mm."""
     path = rig_file(tmp_path / "rig.toml", striker="arm_length_m = 0.05\ncocked_angle_rad = -0.3")
     striker = planned_rig(path).bench.striker
     assert striker.fastest_m_s == pytest.approx(0.25)

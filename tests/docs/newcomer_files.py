@@ -1,4 +1,4 @@
-"""Files that how-to guides take for granted, rendered: what a user would have filmed, recorded or written.
+"""Renders the files that how-to guides assume a user to have filmed, recorded or written before.
 
 Each function writes what one page names into a folder that already holds the phone tutorial's files.
 """
@@ -22,7 +22,7 @@ LOOKING_DOWN = np.array([[1.0, 0, 0, 0.077], [0, -0.6, 0.8, -0.32], [0, -0.8, -0
 
 
 def write_board_images(folder: Path) -> None:
-    """Write `images/`, a printed board from 16 sides, and `table.png`, the board on the table."""
+    """Write `images/`, pictures of a printed board in 16 poses, and `table.png`, the board on the table."""
     rng, board = np.random.default_rng(11), TrueBoard()
     (folder / "images").mkdir()
     for number in range(16):
@@ -35,13 +35,13 @@ def write_board_images(folder: Path) -> None:
 
 
 def write_plumb_line(folder: Path) -> None:
-    """Write `plumb.png`: a string before the rig's camera."""
+    """Write `plumb.png`, a picture of a plumb line (hanging string) by the rig's camera."""
     image = plumb_scenes.photograph([(0.0, 0.02)], (0.001, 0.0), np.random.default_rng(13))
     _write_image(folder / "plumb.png", image)
 
 
 def write_labelled_object(folder: Path) -> None:
-    """Write `hammer.mcap`, a recording, and `labelled.toml`, its object with the page's layers."""
+    """Write the recording `hammer.mcap`, and `labelled.toml`, its object with layers of how-to/parts.md."""
     (folder / "hammer.mcap").write_bytes((folder / "teabox.mcap").read_bytes())
     layers = next(body for body in snippets(DOCS / "how-to" / "parts.md", "toml") if "between_m" in body)
     plain = (folder / "teabox.toml").read_text(encoding="utf-8")

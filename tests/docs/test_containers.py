@@ -53,7 +53,7 @@ def test_a_container_file_is_valid_and_names_what_exists(path: Path) -> None:
 
 
 def test_the_rigs_image_has_the_packages_of_make_setup() -> None:
-    """Headers and compilers are for building alone; their libraries stay."""
+    """Headers and compilers are in the building stage alone; the libraries they serve are in the image."""
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8").replace("\\\n", " ")
     (listed,) = re.findall(r"^DEBIAN := (.*)$", makefile, re.MULTILINE)
     runs = [arguments for name, arguments in instructions_of(FOLDER / "rig.Containerfile") if name == "RUN"]
@@ -66,7 +66,7 @@ def test_the_rigs_image_has_the_packages_of_make_setup() -> None:
 
 
 def test_what_the_image_does_not_get_is_what_git_ignores() -> None:
-    """A tracked file left out would make the image's commit a changed one."""
+    """No tracked file is left out: the program in the image would state its commit as changed."""
     ignored = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
     rules = [line for line in ignored if line and not line.startswith("#")]
     by_git = {line.strip("/") for line in (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()}

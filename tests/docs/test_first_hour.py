@@ -1,4 +1,4 @@
-"""The first hour of a newcomer: shell blocks of README, tutorial and how-to guides, as printed, in order.
+"""First hour of a newcomer: the shell blocks of README, tutorial and how-to guides run as printed.
 
 Each page runs in a copy of the project of its own, with the environment of `make setup`. Before a page that
 names a user's files the copy gets them: rendered videos for the phone (tests/docs/phone_videos.py), the
@@ -90,7 +90,7 @@ def reason_not_to_run(page: str, line: str) -> str | None:
 
 
 def each_demo_once(lines: list[str]) -> list[str]:
-    """Lines without a demo that is printed on an earlier page as well."""
+    """Lines without the repetitions of a `make demo` command that an earlier line runs."""
     demos: set[str] = set()
     kept = []
     for line in lines:
@@ -121,7 +121,7 @@ def _git(*arguments: str) -> str:
 
 
 def run(lines: list[str], folder: Path, *, activated: bool = True) -> str:
-    """Run lines in one shell; its output.
+    """Run lines in one shell, and return its output.
 
     Args:
         lines: lines of shell blocks.
@@ -166,14 +166,14 @@ def project() -> Iterator[Path]:
 
 @pytest.fixture(scope="module")
 def phone(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Project in which the phone tutorial was followed."""
+    """Copy of the project in which all commands of the phone tutorial were run."""
     folder = copy_project(tmp_path_factory.mktemp("hour") / "phone")
     run_filmed(lines_of(PHONE), folder)
     return folder
 
 
 def run_filmed(lines: list[str], folder: Path) -> None:
-    """Run lines of a page; the strikes' videos appear before they are imported, as there is a plan then."""
+    """Run lines of the phone tutorial; videos of the planned strikes are written before their import."""
     write_boards(folder)
     filmed = next(number for number, line in enumerate(lines) if line.startswith("analyze import s*.mp4"))
     run(lines[:filmed], folder)
@@ -182,14 +182,14 @@ def run_filmed(lines: list[str], folder: Path) -> None:
 
 
 def give_phone_files(folder: Path, phone: Path) -> None:
-    """Files that the phone tutorial leaves."""
+    """Copy into `folder` the files that the phone tutorial leaves in the project `phone`."""
     names = ("teabox.toml", "plan.json", "camera.toml", "board.mp4", "teabox.mcap")
     for path in [phone / name for name in names] + sorted(phone.glob("s?.mp4")):
         shutil.copy(path, folder)
 
 
 def give_sessions(folder: Path) -> None:
-    """Three sessions of one object, the strikes shared out among them."""
+    """Write three recordings of one object, among which the strikes of the tutorial are divided."""
     strikes = sorted(folder.glob("s?.mp4"))
     for name, filmed in zip("abc", (strikes[:3], strikes[3:6], strikes[6:]), strict=True):
         command = (
@@ -199,7 +199,7 @@ def give_sessions(folder: Path) -> None:
 
 
 def remove_outputs(lines: list[str], folder: Path) -> None:
-    """Remove given files that the lines themselves write before they read them."""
+    """Remove from `folder` the files that the lines write (`-o FILE`) before they name them otherwise."""
     text = "\n".join(lines)
     for written in re.finditer(r" -o (\S+)", text):
         if written[1] not in text[: written.start()]:

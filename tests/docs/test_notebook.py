@@ -1,4 +1,4 @@
-"""The notebook runs from top to bottom on the committed sample, and its committed outputs are those it gives.
+"""The notebook runs on the committed sample, and gives the outputs that are committed with it.
 
 A notebook is JSON whose code cells are Python: they run here as they stand, without Jupyter. `make notebook`
 writes the outputs anew.
@@ -28,7 +28,7 @@ def code_cells() -> list[dict]:
 
 
 def run(source: str, names: dict) -> tuple[object, str]:
-    """Run a cell: the value of its last line, as Jupyter shows it, and the text it prints."""
+    """Run a cell; return the value of its last expression (None without one) and the text it prints."""
     tree = ast.parse(source)
     last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
     printed = io.StringIO()

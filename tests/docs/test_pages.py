@@ -36,7 +36,7 @@ def prose_of(page: Path) -> str:
 
 @cache
 def anchors_of(page: Path) -> set[str]:
-    """Anchors of a page's headings, as GitHub and MyST make them, and its own targets."""
+    """Anchors of a page: those that GitHub and MyST make from its headings, and those it sets itself."""
     plain = [re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading) for heading in HEADING.findall(prose_of(page))]
     slugs = {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in plain}
     return slugs | set(TARGET.findall(text_of(page)))
@@ -68,7 +68,7 @@ def commands() -> dict[str, click.Command]:
 
 
 def unknown_parts(line: str) -> list[str]:
-    """Verbs and options of a shell line that its command has not."""
+    """Complaints about a line of `analyze` or `acquire` whose verb or options do not exist."""
     try:
         words = shlex.split(line, comments=True)
     except ValueError:
@@ -149,7 +149,7 @@ def test_the_drawing_of_the_packages_is_that_of_the_code():
 
 
 def test_pages_are_wrapped():
-    """Tables, links, code spans and pictures' texts cannot be broken."""
+    """Only lines with a table, link, code span or picture, which cannot be broken, may be longer."""
     unbreakable = re.compile(r"\s*\||:alt:|.*\]\(|.*`|.*\\")
     long = [
         f"{page.relative_to(ROOT)}: {line}"

@@ -71,7 +71,7 @@ def test_value_in_the_range_is_accepted() -> None:
 
 
 def test_no_option_of_either_command_accepts_nan() -> None:
-    """Sizes to print have no fixed range: they are checked against the paper."""
+    """Only sizes to print are left out: they have no fixed range and are checked against the paper."""
     from acquire.cli import main as acquire
     from analyze.cli import main as analyze
 

@@ -32,7 +32,7 @@ class Session:
 
 @pytest.fixture(scope="session")
 def session(tmp_path_factory) -> Session:
-    """Carton, seed 7, one strike on each of three or more axes."""
+    """Demo session of four strikes on the virtual object "carton" with seed 7, run once for all tests."""
     path = tmp_path_factory.mktemp("session") / "carton.mcap"
     command = [
         "acquire",

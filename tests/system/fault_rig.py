@@ -79,7 +79,7 @@ def child(pid: int, word: str) -> int:
 
 
 def messages(path: Path, topic: topics.Topic) -> list[tuple[int, Any]]:
-    """(log time, message) of one topic, from a complete file whose checksums are verified."""
+    """Pairs of log time [ns] and message of one topic, from a complete file; checksums are verified."""
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         return [
@@ -108,7 +108,7 @@ class Frames:
 
     @property
     def unaccounted(self) -> float:
-        """Frame periods between first and last frame that are neither a frame nor counted as lost."""
+        """Number of frames missing between first and last frame that are not counted as lost; 0 if exact."""
         return (self.last_ns - self.first_ns) * 1e-9 * RATE_HZ - (self.arrived - 1) - self.lost
 
 
@@ -288,7 +288,7 @@ socket = "{path.with_suffix("") / "d.sock"}"
             self._background.pop().join()
 
     def still_after_s(self, since_ns: int, rad_s: float = 0.1) -> float:
-        """Time from `since_ns` until the arm stands still [s]."""
+        """Time from `since_ns` until the arm last moved faster than `rad_s` [s]; 0 if it never did."""
         moving = [t for t, _, omega in self.plant.history if t > since_ns and abs(omega) > rad_s]
         return (max(moving) - since_ns) * 1e-9 if moving else 0.0
 
@@ -312,7 +312,7 @@ def fault_rig() -> Iterator[FaultRig]:
 
 
 def contact_event(path: Path) -> pb.StrikerEvent | None:
-    """The contact event in a recording."""
+    """First contact event of the striker in a recording; None if there is none."""
     found = [
         event for _, event in messages(path, topics.STRIKER_EVENT) if event.kind == pb.StrikerEvent.CONTACT
     ]

@@ -78,9 +78,9 @@ def processes_of(folder: Path) -> list[str]:
 
 
 def wait_until_gone(folder: Path, patience_s: float = 40.0) -> list[str]:
-    """Processes that still run after a timeout for a loaded computer.
+    """Wait until no process of the demo in `folder` runs; return those that still run after `patience_s`.
 
-    A child that is still importing modules ends only after that.
+    The wait is long because a child process that is importing modules ends only afterwards.
     """
     end = time.monotonic() + patience_s
     while (left := processes_of(folder)) and time.monotonic() < end:

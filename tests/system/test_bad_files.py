@@ -1,4 +1,4 @@
-"""Errors in input files: one line that names the problem and the remedy, exit code 1, no file left behind."""
+"""Errors in input files: one line with problem and remedy, exit code 1, no file left behind."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def record(
     strikes: int = 4,
     **manifest: object,
 ) -> Path:
-    """Write a recording of `images`, all of them within the window of each strike."""
+    """Write a recording with `strikes` strikes, in whose windows (time spans) all of `images` lie."""
     plan = plan or spec_and_plan(toml)[1]
     plan_json = plan.model_dump_json()
     height, width = images[0].shape

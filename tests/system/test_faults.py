@@ -1,5 +1,6 @@
-"""Whatever dies, is paused, unplugged or asked to end while the daemon records: what is lost, and how long
-until it works again.
+"""Faults while the daemon records: what is lost, and how long until the rig works again.
+
+A part of the rig dies, is paused, is unplugged, or is asked to end.
 
 Rows of docs/reference/faults.md (`make bench-faults`). The daemon's own end, in every state of the striker,
 is in test_striker_faults.py; the servo's faults are in test_servo_faults.py and test_session_servo_faults.py,
@@ -90,7 +91,7 @@ def test_a_second_daemon(rig: FaultRig) -> None:
 
 
 def recorded_gap(rig: FaultRig, client: DaemonClient) -> Frames:
-    """Close the recording; check that its gap is counted exactly."""
+    """Close the recording, check that the frames lost in its gap are counted, and return its counts."""
     report = client.call("recording.close")
     frames = Frames.of(rig.recording)
     assert report["lost"] == frames.lost
@@ -245,7 +246,7 @@ def test_session_client_killed(rig: FaultRig, where: str) -> None:
 
 
 def test_status_survives_whatever_the_camera_does(rig: FaultRig) -> None:
-    """The camera never returns: the daemon still answers, and ends on request."""
+    """A camera that dies and stays away: the daemon still answers `status`, and ends on request."""
     camera, daemon, client = rig.recording_daemon()
     camera.kill()
     wait_until(lambda: not client.call("status")["connected"], 5.0, 0.02)

@@ -45,7 +45,7 @@ def may_mount() -> bool:
 
 @pytest.mark.skipif(not may_mount(), reason="this user may make no name space of its own")
 def test_disk_full_in_a_window(rig: FaultRig) -> None:
-    """On a disk of 100 MB that only the daemon sees, filled by another program during the window."""
+    """Another program fills the daemon's disk (100 MB, mounted for the daemon alone) during the window."""
     disk = rig.folder / "disk"
     disk.mkdir()
     rig.camera()

@@ -50,9 +50,10 @@ def cocked(striker: DynamixelStriker) -> None:
 
 
 def in_mid_swing(plant: Plant, act) -> list[int]:
-    """Call `act` during the swing; returns a list that receives the time of the call [ns].
+    """Call `act` from a thread during the next swing, if one begins within 3 s.
 
-    Without a swing it is not called.
+    Returns:
+        List to which the thread appends the host monotonic time after the call [ns].
     """
     done: list[int] = []
 

@@ -31,7 +31,7 @@ def rig() -> Iterator[SessionRig]:
 
 @dataclass
 class Breaker:
-    """Acts on the servo in the first swing of a session; receives the session's progress."""
+    """Fault injector: calls `act` in the first swing of a session, and keeps the session's progress lines."""
 
     world: WorldLink
     act: Callable[[WorldLink], None]

@@ -67,7 +67,7 @@ def pattern_camera() -> Callable[..., object]:
 
 @pytest.fixture(scope="module")
 def graves() -> Iterator[None]:
-    """Wait once per module for the threads that close dead cameras in the background, within 7.5 s."""
+    """After a module, wait for the threads that close dead cameras; fail if one outlasts 7.5 s."""
     yield
     end = time.monotonic() + CLOSE_S
     while (left := _burials()) and time.monotonic() < end:

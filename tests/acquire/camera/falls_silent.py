@@ -1,5 +1,4 @@
-"""A camera that falls silent while it is opened: its control packets pass through a relay that stops the
-camera's process after so many.
+"""A camera that stops answering while it is opened: a relay stops its process after some requests.
 
 Only control (GVCP) is relayed: the relay has an address of its own, and a camera that is opened through it
 never streams.
@@ -24,7 +23,7 @@ _PATTERN_CAMERA = Path(__file__).with_name("pattern_camera.py")
 
 @contextmanager
 def falls_silent(host: int, answers: int) -> Iterator[str]:
-    """Yield the relay's address; the camera is at the next one and answers a given number of requests."""
+    """Yield a relay's IP address; the camera behind it answers `answers` requests, then is stopped."""
     address, behind = loopback(host), loopback(host + 1)
     ended = threading.Event()
     with (

@@ -41,7 +41,7 @@ def rig(address: str = "synthetic", *, large: bool = False, **recorder: object) 
 
 
 def manifest_of_a_box() -> SessionManifest:
-    """Manifest of the small recording, with this camera and the current time."""
+    """Manifest of a small recording of a box, with the synthetic camera and the current time."""
     clock = SystemClock()
     return small_recording.manifest(
         recording_id="test",

@@ -58,7 +58,7 @@ def _rig(rotate_bytes: int = 40 << 20) -> RigConfig:
 
 
 def _check(paths: list[Path]) -> list[tuple[int, pb.FrameMeta]]:
-    """Check each image pixel by pixel against the camera's; returns numbers and meta, in order."""
+    """Compare each recorded image with the camera's pattern; return its number there and meta, in order."""
     pattern = noise(WIDTH, HEIGHT, SEED)
     images: dict[int, int] = {}
     metas: dict[int, pb.FrameMeta] = {}

@@ -1,4 +1,4 @@
-"""Heartbeats: a process that stops sending is reported once; one that is slow, or never sent any, is not."""
+"""Heartbeats: a process that stops sending is reported once; one that is slow or never sent is not."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_silence_before_the_first_heartbeat_is_not_reported() -> None:
 
 
 def test_time_without_running_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A computer that stood still: each turn of the listener took an hour."""
+    """The listener itself was paused for an hour in each turn: the sender does not count as silent."""
     read_fd, write_fd = os.pipe()
     hours = iter(range(0, 3_600_000, 3600))
     monkeypatch.setattr(heartbeat.time, "monotonic", lambda: float(next(hours)))

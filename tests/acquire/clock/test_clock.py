@@ -35,9 +35,9 @@ def feed(
     rng: np.random.Generator,
     rate_hz: float = 2.0,
 ) -> int:
-    """Read the clock over a wire and return the host time of the last reading.
+    """Add `seconds` of readings of a device clock to `mapper`; return host time of the last one [ns].
 
-    The delay is at least 20 us each way, plus exponential queueing.
+    The delay between device and host is at least 20 us each way, plus exponential queueing.
     """
     host = HOST0
     for host in range(HOST0, HOST0 + round(seconds * 1e9), round(1e9 / rate_hz)):
@@ -65,7 +65,7 @@ def test_latched_mapping_stays_within_30_us_whatever_the_drift(
 @pytest.mark.parametrize("drift", [-50e-6, 0.0, 50e-6])
 @pytest.mark.parametrize("seed", range(5))
 def test_every_frame_from_the_first_on_is_mapped_to_30_us_at_50_ppm(drift: float, seed: int) -> None:
-    """An idle computer: 90 to 150 us for a round trip, latched as CameraStream does it."""
+    """Clock readings of an idle computer: round trips of 90 to 150 us, as often as CameraStream reads."""
     rng = np.random.default_rng(seed)
     device, mapper = DriftingDevice(drift, 5_000_000_000), DeviceClockMapper()
 

@@ -1,4 +1,4 @@
-"""The local socket: private, answers in order, carries errors as their own class, survives bad requests."""
+"""The daemon's socket is private, answers in order, returns errors by class, survives bad requests."""
 
 from __future__ import annotations
 
@@ -164,7 +164,7 @@ NOBODY = 65534
 
 
 def send_request(path, *uid):
-    """Answer and error that a process of another user receives."""
+    """Send a request from another process, as user `uid` if given; return its output and error text."""
     done = subprocess.run(
         [sys.executable, "-c", REQUEST, str(path), *map(str, uid)],
         capture_output=True,
@@ -177,17 +177,17 @@ def send_request(path, *uid):
 
 @pytest.fixture
 def open_folder():
-    """A folder that every user may enter; pytest's own may not be."""
+    """Folder that every user may enter, unlike the temporary folder of pytest."""
     with tempfile.TemporaryDirectory(prefix="pa-") as name:
         Path(name).chmod(0o755)
         yield Path(name)
 
 
 def test_another_user_is_refused(open_folder):
-    """Refused by the user id of the peer that the kernel reports, with both file modes out of the way.
+    """The server refuses a peer by the user id that the kernel reports; the file modes permit access here.
 
-    Root can be another user for a moment; an ordinary user cannot, so there the server serves another one:
-    the peer's credentials are the kernel's in both cases.
+    As root the test sends the request as another user. An ordinary user cannot do that: the server is then
+    told to serve another user.
     """
     root = os.getuid() == 0
     served, speaker = (0, (NOBODY,)) if root else (os.getuid() + 1, ())
@@ -211,7 +211,7 @@ def test_another_user_is_refused(open_folder):
 
 
 def test_another_user_cannot_reach_the_socket(open_folder):
-    """The file modes alone: the folder is closed to all but its owner.
+    """The socket's folder and file modes alone keep out all users but the owner.
 
     As root, which can act as another user, the test also tries to enter.
     """

@@ -56,14 +56,14 @@ def test_other_clients_may_stop_the_striker(daemon: Daemon, monkeypatch: pytest.
 
 
 class Arm(ManualStriker):
-    """Manual striker: the tests ask only whether it would accept an order to move."""
+    """Striker without a motor; the tests ask only whether it would accept an order to move."""
 
     def __init__(self) -> None:
         super().__init__(StrikerConfig(), lambda _: None, lambda _: None, lambda _: None, SystemClock())
 
 
 class Disk(Recording):
-    """Recording during whose check of the disk space something else happens: `meanwhile()`."""
+    """Fake recording that calls `meanwhile` during its check of the disk space."""
 
     def __init__(self, meanwhile: Callable[[], object]) -> None:
         self.meanwhile = meanwhile

@@ -130,7 +130,7 @@ def test_the_disk(bench: Bench) -> None:
 
 
 def test_finding_names_the_measured_disk(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A session's recording goes where -o says, perhaps to another disk."""
+    """The findings name the folder, because `acquire session -o` may record to another disk."""
     folder = bench.rig_path.parent
     text = bench.rig_path.read_text().replace(f'directory = "{folder}"', 'directory = "recordings"')
     bench.rig_path.write_text(text)

@@ -43,7 +43,7 @@ THIS_COMPUTERS_OWN = {"receive buffer", "disk speed", "frames", "camera clock"}
 
 @contextlib.contextmanager
 def _process(*arguments: str, **environment: str) -> Iterator[subprocess.Popen[str]]:
-    """Run a process for the block, from its first line of output to its end."""
+    """Run a Python process during the block, entered once it has printed a line; then terminate it."""
     given = {**os.environ, **environment}
     with subprocess.Popen(
         [sys.executable, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=given
@@ -62,7 +62,7 @@ def _camera() -> contextlib.AbstractContextManager[subprocess.Popen[str]]:
 
 
 def _check(rig: Path) -> tuple[dict[str, dict], set[str]]:
-    """All checks by name, and the names of those that failed; exit code and summary agree with them."""
+    """Run `acquire check --json`: all checks by name, and the names of those that did not pass."""
     before = sorted(rig.parent.iterdir())
     command = [sys.executable, "-m", "acquire", "check", str(rig), "--json"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)

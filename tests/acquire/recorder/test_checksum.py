@@ -1,4 +1,4 @@
-"""The checksums of a message are those of its bytes, however they are put together."""
+"""The checksums of a message are those of its bytes, however it is divided into parts."""
 
 from __future__ import annotations
 

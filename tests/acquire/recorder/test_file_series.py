@@ -55,9 +55,9 @@ def _feed(recorder: FrameRecorder, numbers: range, lost: int = 0) -> None:
 
 
 def _settle(recorder: FrameRecorder, series: FileSeries) -> None:
-    """Wait until everything is written, the next file is ready and the last one is finished.
+    """Wait until all frames are written and no thread opens or finishes a file of the series.
 
-    A camera's frames leave time for that, these tests do not.
+    A camera leaves time for that between its frames; these tests feed frames without a pause.
     """
     while recorder.waiting:
         time.sleep(1e-3)
@@ -87,7 +87,7 @@ def series(tmp_path: Path, memory: BlockMemory | None) -> Iterator[FileSeries]:
 
 
 def _read(path: Path) -> dict[str, list[int]]:
-    """Sequence numbers by topic; the checksums are verified."""
+    """Sequence numbers of a file's messages, by topic, in file order; the checksums are verified."""
     found: dict[str, list[int]] = {}
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
@@ -195,7 +195,10 @@ def test_missing_space_is_reported_with_its_purpose(tmp_path: Path) -> None:
 
 
 def fill(folder: Path) -> None:
-    """Record until the disk is full and beyond, finish, read back; runs in a separate process."""
+    """Record in `folder` until its disk is full and beyond, finish, read back, print the result (JSON).
+
+    Runs in a separate process.
+    """
     series = FileSeries(folder / "a.mcap", _head, Rotation(), DiskSpace(folder, 0))
     config = RecorderConfig(pre_trigger_s=0.0, preview_hz=0.0, max_window_s=60.0)
     recorder = choose_recorder(series, FORMAT, config, ANCHOR_NS)
@@ -220,7 +223,7 @@ def fill(folder: Path) -> None:
 
 
 def test_a_disk_that_fills_up_in_a_window_leaves_a_whole_recording(tmp_path: Path) -> None:
-    """On a real file system of 20 MB, in a separate mount namespace."""
+    """The recording is made on a real file system of 20 MB, mounted for one process alone."""
     mount = 'mount -t tmpfs -o size=20m none "$1" 2>/dev/null || exit 77; shift; exec "$@"'
     code = (
         "import sys, pathlib; from tests.acquire.recorder.test_file_series import fill; "

@@ -139,7 +139,7 @@ def test_an_unset_log_time_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_still_gives_a_whole_recording(tmp_path: Path) -> None:
-    """A file size limit stands for the full disk; it is lifted as the reserved space would be released."""
+    """A limit of the file size stands for the full disk; lifting it, for the release of the reserve."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     writer = McapWriter(tmp_path / "a.mcap")
     images = writer.add_topic(topics.raw_image("main"))

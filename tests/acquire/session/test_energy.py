@@ -47,7 +47,7 @@ class Truth:
         self._rng = rng
 
     def swing(self, strike: PlannedStrike) -> tuple[float, float, float]:
-        """Balance angle phi [rad], rise of c [m], moment of inertia about the edge [kg m2]."""
+        """Balance angle [rad], rise of the centre of mass up to it [m], inertia about the edge [kg m2]."""
         tip, direction, up = np.array(strike.R_world_object)
         arm = self.com - np.array(strike.pivot.point)
         forward, height = -float(arm @ tip), float(arm @ up)
@@ -56,14 +56,14 @@ class Truth:
         return math.atan2(forward, height), reach - height, moment
 
     def energy(self, strike: PlannedStrike, speed: float) -> float:
-        """Energy ratio E without scatter between strikes."""
+        """Kinetic energy over that needed to tip, of a strike at `speed` [m/s], without scatter."""
         _, rise, moment = self.swing(strike)
         h = strike.impact_height_m
         impulse = (1 + self.restitution) * speed / (1 / self.striker_kg + h * h / moment)
         return (impulse * h) ** 2 / (2 * moment * MASS * G * rise)
 
     def strike(self, strike: PlannedStrike, speed: float) -> tuple[float, StrikeVerdict]:
-        """Energy ratio E of one strike, and its verdict."""
+        """Ratio of kinetic energy to that needed to tip, with scatter, of a strike, and its verdict."""
         energy = self.energy(strike, speed) * math.exp(self._rng.normal(0.0, REPEATS))
         phi = self.swing(strike)[0]
         if energy > 1:

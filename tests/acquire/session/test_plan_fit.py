@@ -46,7 +46,7 @@ def test_plan_exactly_at_the_limits_is_accepted() -> None:
 
 
 def test_too_fast_and_too_slow_strikes_are_named() -> None:
-    """0.1 m at 8 rad/s is 0.8 m/s, at 0.5 rad/s 0.05 m/s; the plans' strikes may need 0.1 to 0.9 m/s."""
+    """An arm of 0.1 m reaches 0.05 to 0.8 m/s (0.5 to 8 rad/s); planned strikes may need 0.1 to 0.9."""
     said = striker_limit_problem(
         plan(*(strike(f"s{number}") for number in range(1, 7))), limits(arm_length_m=0.1)
     )
@@ -86,7 +86,7 @@ def test_moved_or_turned_camera_is_reported() -> None:
 
 
 class Daemon:
-    """Fake daemon of a rig with these limits; opens no recording."""
+    """Fake daemon that answers the request `rig` with given limits; opens no recording."""
 
     def __init__(self, answer: RigLimits) -> None:
         self.answer, self.calls = answer, []

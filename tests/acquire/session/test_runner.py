@@ -56,7 +56,10 @@ class Daemon:
 
 
 def wait_for_rest(monkeypatch: pytest.MonkeyPatch, **daemon: Any) -> tuple[float, float]:
-    """Time that the wait took [s], and end of the window after the strike [s]; 0 if not given."""
+    """Run the wait for rest: its duration [s], and the requested end of the window [s], from the strike.
+
+    The end is 0 if the window is closed without one.
+    """
     host = Host()
     monkeypatch.setattr(session_runner, "time", host)
     rig = Daemon(host, **daemon)
@@ -235,7 +238,7 @@ class Watcher:
 def test_tags_without_a_place_do_not_stop_the_strikes_that_find_it(
     monkeypatch: pytest.MonkeyPatch, placed: tuple[int, ...], seen: tuple[int, ...], good: bool
 ) -> None:
-    """A tag with a place whose pose is not found, another object's tag or none still stop the strike."""
+    """The strike is made without a check of the pose only if tags of the object, all unplaced, are seen."""
     host, said = Host(), []
     monkeypatch.setattr(session_runner, "time", host)
     runner = SessionRunner.__new__(SessionRunner)

@@ -1,4 +1,4 @@
-"""Measurement of how late this host wakes a thread, which real-time limits allow for on a busy machine."""
+"""Measurement of how late this host wakes a thread; real-time limits of tests allow for that delay."""
 
 from __future__ import annotations
 

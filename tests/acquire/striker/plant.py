@@ -118,7 +118,7 @@ class Plant:
         self.touches.clear()
 
     def delay_ms(self, time_ns: int) -> float:
-        """Longest delay [ms] of the arm within 10 ms of a time: reads may be as much too old."""
+        """Longest delay [ms] of the simulated arm within 10 ms of a time; servo reads may be late by it."""
         return 1e-6 * max((late for when, late in self.delays if abs(when - time_ns) < 10_000_000), default=0)
 
     def hold(self) -> None:
@@ -167,7 +167,7 @@ class Plant:
             self.servo.service(time.monotonic_ns())
 
     def answers_come_late(self, seconds: float) -> None:
-        """Delay all answers by this time from now on, as an adapter does; 0 ends the delay."""
+        """Delay all answers of the servo by `seconds` from now on, as an adapter does; 0 ends the delay."""
         self.servo._wire = WireTime(round(seconds * 1e9)) if seconds else None
 
     def _step(self, now_ns: int, dt: float) -> None:

@@ -40,10 +40,10 @@ def first_order(signal: np.ndarray, step: float, tau: float) -> np.ndarray:
 def swing(
     seed: int, velocity: float, drop: float, angle: float, after_s: float, filter_s: float = 0.003
 ) -> tuple[list[Sample], int, int]:
-    """Samples at 1 kHz of run-up, contact at `angle`, and retraction `after_s` later.
+    """Samples at 1 kHz of run-up, contact at `angle` [rad], and retraction `after_s` [s] later.
 
     Returns:
-        The samples, time of the contact and time of the retraction [ns].
+        The samples, time of the contact [ns] and time of the retraction [ns].
     """
     rng = np.random.default_rng(seed)
     t_contact, duration, step = 0.2 + rng.uniform(0, 1e-3), rng.normal(0.003, 0.0003), 2e-5

@@ -56,7 +56,7 @@ def test_torque_is_off_within_200_ms_after_the_owner_is_killed(plant: Plant) -> 
 
 
 def port_is_free(bus: ServoBus) -> bool:
-    """True if no process holds the port; the dead man's switch holds it until it has ended."""
+    """True if the servo's port can be opened: no process holds it, such as the dead man's switch."""
     try:
         bus.open()
     except StrikerNotFound:

@@ -40,7 +40,11 @@ def moving_s(plant: Plant, since_ns: int, rad_s: float = STILL_RAD_S) -> float:
 def stop_when(
     striker: DynamixelStriker, condition: Callable[[], bool], before: Callable[[], None] = lambda: None
 ) -> list[int]:
-    """Stop the striker from another thread once the condition holds; the list receives the time [ns]."""
+    """Start a thread that stops the striker once `condition` holds, at most 3 s from now.
+
+    Returns:
+        List to which the thread appends the host monotonic time of the stop [ns]; empty until then.
+    """
     when: list[int] = []
 
     def act() -> None:
@@ -56,7 +60,11 @@ def stop_when(
 def stopped_in_the_swing(
     plant: Plant, heard: Heard, speed: float, trouble: Callable[[Plant], None]
 ) -> tuple[float, float]:
-    """Stop a swing: time for which the arm still moved [s], and worst delay of this host meanwhile [s]."""
+    """Stop a swing at `speed` [m/s] near its full velocity, after `trouble` was caused on the bus.
+
+    Returns:
+        Time for which the arm still moved [s], and worst delay of a thread of this host meanwhile [s].
+    """
     with heard.opened(plant.config()) as striker:
         home_arm_and_cock(striker)
         with Lateness() as lateness:

@@ -44,7 +44,7 @@ class Bench:
         termios.tcsetattr(self.host, termios.TCSANOW, mode)
 
     def send(self, packet: bytes) -> list[tuple[int, bytes]]:
-        """Error field and data of every answer."""
+        """Send a packet to the servo; return error field and data of each of its answers."""
         os.write(self.host, packet)
         self.servo.service(self.now_ns)
         return self.receive()

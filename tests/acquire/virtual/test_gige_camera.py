@@ -1,4 +1,4 @@
-"""Ports, registers, slots, clock and faults of the virtual camera; clients are in tests/acquire/camera."""
+"""Ports, registers, slots, clock, faults of the virtual camera; clients are in tests/acquire/camera."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def start_streaming(client: Client, stream: socket.socket) -> None:
 
 
 def read_frames(stream: socket.socket, count: int) -> tuple[list[int], list[int]]:
-    """Time stamps of the leaders and pattern numbers of `count` frames."""
+    """Receive `count` frames: camera times of their leader packets [ns], and numbers in their pixels."""
     stamps: list[int] = []
     numbers: list[int] = []
     while len(numbers) < count:

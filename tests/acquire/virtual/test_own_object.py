@@ -35,7 +35,7 @@ def cup(segments: int = 48) -> trimesh.Trimesh:
 
 @pytest.fixture(autouse=True)
 def quick_analyze(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`analyze shape` within this process: it starts in two seconds otherwise."""
+    """Run `analyze shape` in this process, because a process of its own takes two seconds to start."""
     from click.testing import CliRunner
 
     from analyze.cli import main
@@ -51,7 +51,7 @@ def quick_analyze(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def own(folder: Path, text: str, seed: int = 1, truth: str | None = None) -> OwnObject:
-    """Own object from the text of its file, in a folder with a name that needs care."""
+    """Virtual object from the text of an object file, in a folder whose name has spaces and brackets."""
     home, run = folder / "my objects [v2]", folder / "run"
     home.mkdir(exist_ok=True)
     run.mkdir(exist_ok=True)

@@ -31,7 +31,11 @@ def one_thread():
 
 
 def tipped(virtual_object, theta, k=1, span=0.0):
-    """k poses of the object on its base, tipped by theta +- span / 2 about W's y through the origin."""
+    """k poses of the object, tipped about the world's y axis by angles around `theta` [rad].
+
+    The angles are spread over `span` [rad]. The axis passes through the origin and is the lower
+    edge at +x of the standing object.
+    """
     p_rest = np.array(
         [-virtual_object.mesh_vertices[:, 0].max(), 0.0, -virtual_object.mesh_vertices[:, 2].min()]
     )
@@ -49,7 +53,7 @@ def mean_picture(renderer, poses, frames=40):
 
 
 def square_px(virtual_object, marker_id, poses):
-    """True corners of the black square (4, 2) px, detector order."""
+    """True corners (4, 2) [px] of a tag's black square in the first pose, in the detector's order."""
     marker = next(m for m in virtual_object.spec.marker if m.id == marker_id)
     h = marker.size_m / 2
     T = np.array(marker.T_object_marker)

@@ -18,7 +18,7 @@ def test_all_libraries_are_installed_here() -> None:
 def test_a_missing_library_is_named_with_the_command_that_installs_it(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """It read: the world did not start: ModuleNotFoundError: No module named 'mujoco'."""
+    """`acquire demo` names the missing modules and `make setup` in one line, and leaves no file."""
     monkeypatch.setattr(requirements, "REQUIRED_MODULES", ("mujoco", "no_physics", "no_bus"))
     shown = CliRunner().invoke(main, ["demo", "-o", str(tmp_path / "demo.mcap")])
     assert shown.exit_code == 1

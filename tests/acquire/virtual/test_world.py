@@ -1,4 +1,4 @@
-"""Tips against theory (method 3: pendulum about the rounding's centre line), rest, strikes.
+"""Simulated world: tips compared with theory (docs/explanation/method.md, section 3), rest, strikes.
 
 The formulas here are independent of the simulator's.
 """
@@ -30,7 +30,7 @@ def parked(position, velocity, _time_ns):
 
 @dataclass
 class Tip:
-    """Known geometry of one tip about W's +y, and the simulated states."""
+    """One simulated tip about the world's +y axis: true pendulum parameters, angle over time, states."""
 
     phi: float
     k: float
@@ -59,7 +59,10 @@ def place(world, thing, R, height=None):
 
 
 def tip(thing, R=UPRIGHT, energy_ratio=1.1, seconds=1.0):
-    """Give the resting object the angular velocity about its edge that corresponds to `energy_ratio`."""
+    """Simulate a tip of a resting object whose initial velocity corresponds to `energy_ratio`.
+
+    The ratio is kinetic energy over the energy needed to reach balance.
+    """
     states = []
     world = World(thing, parked, on_tick=states.append)
     edge = place(world, thing, R)
@@ -96,7 +99,7 @@ def rotation_of(state):
 
 
 def fitted(tip):
-    """Angle phi and rate k of the pendulum fitted to theta(t)."""
+    """Balance angle phi [rad] and rate k [1/s^2] of theta'' = -k sin(phi - theta), fitted to a tip."""
     t, theta = tip.time[::5], tip.theta[::5]
 
     def residual(p):
@@ -226,7 +229,7 @@ def test_one_strike_is_one_contact_with_the_impulse_that_the_arm_lost(name, heig
 
 
 def test_a_push_gives_the_object_its_impulse():
-    """Through the centre of mass and without friction: m v = J, and no rotation."""
+    """A push through the centre of mass, without friction, gives momentum m v = J and no rotation."""
     thing = object_of("carton", 1e-6)
     contacts = []
     world = World(thing, parked, on_contact=contacts.append)

@@ -134,7 +134,7 @@ def test_windows_report_their_frames(rig: Rig) -> None:
 
 
 def test_frames_go_to_the_file_though_no_more_come(rig: Rig) -> None:
-    """The camera stops sending, then the process is killed: less than the writer's bound is lost."""
+    """Frames that wait for a full batch are written in the end if the camera sends no more."""
     rig.feed(BATCH_FRAMES // 2)
     end = time.monotonic() + 20.0
     while rig.recorder.waiting and time.monotonic() < end:
@@ -143,7 +143,7 @@ def test_frames_go_to_the_file_though_no_more_come(rig: Rig) -> None:
 
 
 def test_frames_wait_for_others_less_than_a_tenth_of_a_second(rig: Rig) -> None:
-    """The time between exposures alone limits the wait, so that it is as short with a slow camera."""
+    """Waiting frames span less than 0.1 s of exposure times, even if fewer frames than a batch arrive."""
     for _ in range(50):
         rig.feed(1)
         assert rig.recorder.waiting * PERIOD_NS < 0.1 * META_WAIT_S * 4e9

@@ -1,6 +1,6 @@
-"""A recording that bypasses the page cache: the same file, readable while it grows, written in whole pages.
+"""A recording written past the page cache, in whole pages, which a reader can follow while it grows.
 
-Appending never waits for the disk.
+Its content equals that of one written through the page cache, and appending never waits for the disk.
 """
 
 from __future__ import annotations

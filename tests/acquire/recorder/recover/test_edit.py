@@ -80,7 +80,7 @@ def test_removing_added_topics_restores_the_recording(tmp_path: Path) -> None:
 
 
 def test_removing_a_sealed_topic_computes_a_new_seal(tmp_path: Path) -> None:
-    """Striker samples share their chunks with other small topics."""
+    """Striker samples are removed from chunks shared with other topics; the hash of the rest is sealed."""
     seal = small.write_recording(tmp_path / "a.mcap")
     remove_topics(tmp_path / "a.mcap", tmp_path / "b.mcap", "/striker/")
     left = _messages(tmp_path / "b.mcap")

@@ -58,7 +58,7 @@ def test_a_complete_recording_is_recovered_unchanged(tmp_path: Path) -> None:
 
 
 def test_a_cut_between_two_records_is_reported_as_a_loss(tmp_path: Path) -> None:
-    """Every record of such a file is complete; later ones, the strike's record among them, are missing."""
+    """Every record up to the cut is complete; later ones, the strike's record among them, are missing."""
     small.write_recording(tmp_path / "a.mcap")
     data = (tmp_path / "a.mcap").read_bytes()
     sizes = [
