@@ -27,8 +27,8 @@ ASSUMED_SHELL_FRACTION = 0.025
 class Cells:
     """Small pieces that fill the body, each in the shell (the outer wall) or in the interior.
 
-    The thickness of the shell is the one that the body was divided for. Each cell has a centroid, a volume
-    and a moment of inertia per kilogram about its own centroid.
+    The shell has the thickness with which the body was divided. Each cell has a centroid, a volume and a
+    moment of inertia per kilogram about its own centroid.
     """
 
     points: Array

@@ -35,7 +35,7 @@ MIN_TIE_ANGLE = 1e-9
 
 
 class Shells(NamedTuple):
-    """Shells of a mesh: faces of each, wound consistently, with vertices merged along seams."""
+    """Shells (connected surfaces) of a mesh: faces of each, wound consistently, vertices merged at seams."""
 
     closed: list[IntArray]
     """Faces (f, 3) of each closed shell: body or cavity."""
