@@ -47,7 +47,7 @@ WITH_FRICTION = {Format.SDF, Format.MJCF, Format.GAZEBO}
 
 
 def why_misnamed(output: Path, wanted: Format) -> str | None:
-    """One-line reason why the suffix of `output` is wrong for the format `wanted`; None if it is right.
+    """One-line reason why the name of `output` is wrong for the format `wanted`; None if it is right.
 
     The line proposes a name. A suffix is wrong if it belongs to another format only. Files of USD and ROS
     must have one of their suffixes; those of other formats may have an unknown suffix or none. The name of a
