@@ -260,9 +260,7 @@ def _common_up(tips: Sequence[TipInView], choices: Sequence[Sequence[Placement]]
 def _rises(placement: Placement, view: TipView | None, up: Array) -> bool:
     """True if the upward direction of a placement, by a view of the object, is near to the direction `up`.
 
-    Near is within `MAX_UP_ANGLE`.
-
-    `up` (3,) is in the camera's frame. False without a view.
+    Near is within `MAX_UP_ANGLE`. `up` (3,) is a unit vector in the camera's frame. False without a view.
     """
     return view is not None and float(placement.up_in_camera(view) @ up) > math.cos(MAX_UP_ANGLE)
 
