@@ -113,8 +113,8 @@ def with_edge(plane: EquiPlane, evidence: Evidence) -> EquiPlane:
     shape's resting faces, whatever the plan called them, so that a face has one place error both where the
     object rests on it and where it rises from the edge. If the object balanced over another line of the shape
     than the planned edge, the error of the place is that of this line. An edge that is rounded in the shape
-    itself gets the prior alone, without names of faces. The plane of a strike in which the contact rolled on
-    a curved flank is returned unchanged.
+    itself gets the prior alone; its names of faces stay as they are. The plane of a strike in which the
+    contact rolled on a curved flank is returned unchanged.
 
     Args:
         plane: equi-plane of one strike, in the object frame O.
