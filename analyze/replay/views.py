@@ -109,9 +109,10 @@ def drawn_answer(estimate: Estimate) -> DrawnAnswer:
 
 
 def contact_from_motion(motion: TipMotion) -> int | None:
-    """Log time [ns] of the contact as a strike's motion shows it; None if no motion was measured.
+    """Log time [ns] of the contact as a strike's motion shows it; None if the motion has no strike phase.
 
-    It is the impact to which the fitted pendulum leads back, else the first frame that moves.
+    It is the impact to which the fitted pendulum leads back, else the first frame that moves. None also if
+    no motion was measured.
     """
     if motion.angle is None or motion.phases is None or motion.phases.strike is None:
         return None
