@@ -84,7 +84,8 @@ def _strike_rows(estimate: Estimate) -> list[StrikeResult]:
     """Entries of all strikes in the Result document, in recording order.
 
     The entry of a strike used includes its prediction (balance angle, rate constant and motion) from the
-    other strikes. An excluded strike has verdict EXCLUDED, and its own verdict in the reason.
+    other strikes, if these can check it. An excluded strike has verdict EXCLUDED, and its own verdict in the
+    reason.
     """
     evidence, planes = estimate.evidence, estimate.fitted_planes
     index = {plane.strike_id: i for i, plane in enumerate(planes)}

@@ -74,7 +74,7 @@ class Headline:
 
 
 def headline(result: Result) -> Headline:
-    """Headline of a result.
+    """Mass, centre of mass and inertia tensor of a result as text, ready to be shown.
 
     Args:
         result: Result document of an estimate, with centre of mass and tensor.

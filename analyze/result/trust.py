@@ -39,9 +39,10 @@ WORD = ("trust", "doubt", "not determined")
 def quantity_sentences(estimate: Estimate, regions: str, *, sound: bool, moments_sound: bool) -> list[str]:
     """Sentences on centre of mass, entries of the inertia tensor and region masses, what to trust first.
 
-    The centre of mass, or an entry of the tensor, is trusted if its 95 % interval is small and it stays there
-    under all alternatives of the robustness table; the region masses if their own intervals are small and the
-    centre of mass is trusted.
+    The centre of mass is trusted if its 95 % interval is small, the strikes' balance angles do not scatter
+    more than usual, and it stays in the interval under all alternatives of the robustness table; entries of
+    the tensor if strikes measured them and the moments hold under these alternatives; the region masses if
+    their own intervals are small, and the centre of mass and the moments can be trusted.
 
     Args:
         estimate: the estimate.

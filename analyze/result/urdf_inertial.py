@@ -39,7 +39,7 @@ def inertial_element(mass: float, com: Array, inertia: Array) -> ET.Element:
 
 
 def inertial_block(result: Result) -> str | None:
-    """Text of a result's `<inertial>` element, to be copied into a URDF file; None if no body can have it.
+    """Text of a result's `<inertial>` element for a URDF file; None if a value is missing or impossible.
 
     Comments name entries of the tensor that strikes did not measure, and say if this is so for the centre of
     mass in one direction. Lines are short enough for a phone: at most 50 characters.

@@ -253,9 +253,9 @@ def _prior_warnings(inertial: InertialParameters) -> Iterator[ResultWarning]:
 def _region_warnings(distribution: MassDistribution, mass: float) -> Iterator[ResultWarning]:
     """Yield warnings of the masses of shell and interior parts.
 
-    They are: shell thickness not given; that no uniform shell with two uniform parts has the measured
-    moments, or only one with a lump; that the sd of a mass exceeds `MAX_REGION_SD` of `mass`, the object's
-    mass [kg].
+    They are: shell thickness not given; that no uniform shell, with two uniform parts or with a lump inside,
+    has the measured moments, or that only one with a lump has them. If any has them, a further warning names
+    the region of least certain mass if its sd is above `MAX_REGION_SD` of `mass`, the object's mass [kg].
     """
     if distribution.shell is not None:
         shell = distribution.shell
