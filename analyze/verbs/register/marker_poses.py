@@ -283,7 +283,8 @@ def _views(evidence: Evidence, exclude: frozenset[str]) -> tuple[list[StrikeView
     """Marker corners of the strikes to estimate from, at rest and tipping; and the strikes not used.
 
     A strike is used if it is not excluded, the plan does not turn the object about the vertical, the tip
-    balanced over the planned edge, and a marker is seen at rest.
+    balanced over the planned edge, the object was placed as planned by the verdict, and a marker is seen at
+    rest.
 
     Args:
         evidence: motions and tracks of all strikes.
