@@ -111,7 +111,8 @@ class StrikerControl:
 
         Raises:
             StrikerStopped: a stop was requested.
-            StrikerRefused: the daemon is stopping, or the striker is not armed.
+            StrikerRefused: the daemon is stopping, the striker is not armed, or the arming expired.
+            StrikerError: the striker failed.
         """
         with self._lock:
             self._refuse_when_stopped()

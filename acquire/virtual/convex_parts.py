@@ -100,7 +100,8 @@ def convex_parts(triangles: NDArray[np.float64], inside: NDArray[np.float64], vo
     """Divide a body into at most 20 convex parts that cover as little of its hollows as possible.
 
     In each step the part with the largest hollows is cut by the plane that leaves the least, among planes
-    perpendicular to the axes. The parts are the convex hulls of what lies between the planes.
+    perpendicular to the axes; if none saves enough, by the one that halves its longest side. The parts are
+    the convex hulls of what lies between the planes.
 
     Args:
         triangles: (n, 3, 3) corners of the surface's triangles [m, in O, the object's frame].

@@ -154,7 +154,7 @@ def _read_object_text(path: Path) -> str:
     """Text of an object file.
 
     Raises:
-        ConfigError: the file is missing or is not TOML.
+        ConfigError: the file is missing, cannot be read, or is not TOML.
     """
     try:
         text = read_text(path)
