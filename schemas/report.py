@@ -67,8 +67,8 @@ class SensitivityResult(Document):
     """Sensitivity of the centre of mass to the strikes' measurements, and its covariance by kind of error.
 
     Of each strike it holds the derivatives (3,) of the centre of mass by the balance angle phi [m/rad] and by
-    ln k [m], with k the rate of the tip, theta'' = -k sin(phi - theta); of each kind of error its part of the
-    covariance (3, 3) [m^2]. All are in the object frame O.
+    ln k [m], with k the rate [1/s^2] of the tip, theta'' = -k sin(phi - theta), theta the tipping angle; of
+    each kind of error its part of the covariance (3, 3) [m^2]. All are in the object frame O.
     """
 
     worst_direction: Vector3 = Field(
