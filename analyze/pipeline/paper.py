@@ -76,7 +76,7 @@ def paper_estimate(
 
 
 def _sign_change(motion: TipMotion) -> MotionFit | None:
-    """Fit (balance angle) by the paper's estimator, the acceleration's sign change; None if there is none."""
+    """Fit by the paper's estimator (balance angle at the second sign change of acceleration), or None."""
     return next((fit for fit in motion.alternatives if fit.estimator == SIGN_CHANGE), None)
 
 
