@@ -53,11 +53,11 @@ def paper_answers(estimate: Estimate) -> list[PaperAnswer]:
     """Results of the paper's method (VISAPP 2013), one per round of strikes, as in the paper's tables.
 
     Round i consists of the i-th strike on each axis (pivot edge). Only strikes with verdict "good" count:
-    they tipped over without sliding, twisting or rolling on. The axis with the fewest, of those that have
-    any, sets the number of rounds; the list is empty without such strikes. The balance angle
-    of a strike is that at the sign change of the angular acceleration. The moments of inertia about the edges
-    follow from eq. 5, with the distance of the edge from the paper's own centre of mass. The region masses
-    are computed with this centre of mass as well.
+    they tipped over without sliding, twisting or rolling on. The axis with the fewest such strikes, of those
+    that have any, sets the number of rounds; the list is empty without such strikes. The balance angle of a
+    strike is the tipping angle at the second sign change of the angular acceleration. The moments of inertia
+    about the edges follow from eq. 5, with the distance of the edge from the paper's own centre of mass. The
+    region masses are computed with this centre of mass as well.
 
     Returns:
         Per round: centre of mass [m] in the object frame O, moments of inertia about the edges [kg m^2], and
@@ -71,8 +71,9 @@ def paper_answers(estimate: Estimate) -> list[PaperAnswer]:
 def sign_change_fit(motion: TipMotion) -> MotionFit | None:
     """The fit of a strike by the paper's estimator, among those in its `motion`; None if it has none.
 
-    The paper takes the tipping angle theta at which the angular acceleration is 0 as balance angle phi. None
-    also if the strike's verdict is not "good", for example if the object rocked back or slid.
+    The paper takes the tipping angle theta at the second sign change of the angular acceleration (the first
+    is the end of the strike) as balance angle phi. None also if the strike's verdict is not "good", for
+    example if the object rocked back or slid.
     """
     good = motion.verdict is Verdict.GOOD  # a strike that rocked back never passed the balance
     return next((fit for fit in motion.alternatives if good and fit.estimator == "sign_change"), None)
