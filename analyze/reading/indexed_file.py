@@ -341,4 +341,6 @@ def _add_record(file: IndexedFile, opcode: int, body: memoryview) -> None:
         file.metadata[metadata.name] = metadata.entries
     elif opcode in _INDEXED:
         kind = _INDEXED[opcode]
+        if len(body) < 8:
+            raise ContainerError("index record ends early")
         _add_record(file, kind, record_at(file.data, *struct.unpack_from("<Q", body), kind))

@@ -313,6 +313,8 @@ def parse_chunk(body: memoryview) -> ChunkRecord:
 def parse_attachment(body: memoryview) -> AttachmentRecord:
     """Attached file from the body of an attachment record; its data are a copy.
 
+    Bytes behind the CRC are ignored: MCAP lets a writer extend a record by fields of its own.
+
     Raises:
         ContainerError: the record is damaged, or its CRC is neither 0 nor that of the content.
     """
@@ -320,8 +322,9 @@ def parse_attachment(body: memoryview) -> AttachmentRecord:
     log_time, _ = fields.numbers("<QQ")
     name, media_type = fields.string(), fields.string()
     data = bytes(fields.take(fields.numbers("<Q")[0]))
+    covered = body[: len(body) - fields.remaining]
     (crc,) = fields.numbers("<I")
-    if crc and crc != zlib.crc32(body[:-4]):
+    if crc and crc != zlib.crc32(covered):
         raise ContainerError(f"attachment {name!r} is damaged")
     return AttachmentRecord(name, media_type, log_time, data)
 

@@ -125,9 +125,9 @@ def recover(path: Path, out: Path, *, replace: bool = False) -> RecoverReport:
             writer.records.begin()
             digest = ContentHash()
             _Salvage(data, writer, report, digest).run()
-            if report.messages == 0 and not report.has_manifest:
+            if not (report.messages or report.attachments or report.has_manifest):
                 raise RecorderError(
-                    f"{path}: nothing can be saved: it holds no whole message and no manifest"
+                    f"{path}: nothing can be saved: it holds no whole message, attachment or manifest"
                 )
             writer.finish()
             report.content_id = digest.hexdigest()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import pytest
@@ -164,3 +165,19 @@ def test_what_cannot_be_saved_leaves_nothing_behind(tmp_path: Path) -> None:
         "taken.mcap",
         "text.mcap",
     ]
+
+
+def test_a_file_with_attachments_alone_is_saved(tmp_path: Path) -> None:
+    """Records that another writer extended by bytes of its own are not damaged."""
+    attachment = bytearray(container.pack_attachment("notes.txt", "text/plain", b"hello", 7) + b"own")
+    struct.pack_into("<Q", attachment, 1, len(attachment) - container.RECORD_HEAD)
+    with McapWriter(tmp_path / "a.mcap"):
+        pass
+    whole = (tmp_path / "a.mcap").read_bytes()
+    kept = next(
+        at for kind, at, _ in walk(memoryview(whole), len(container.MAGIC)) if kind != container.HEADER
+    )
+    (tmp_path / "a.mcap").write_bytes(whole[:kept] + attachment)
+    report = recover(tmp_path / "a.mcap", tmp_path / "b.mcap")
+    assert (report.messages, report.attachments, report.damaged_records) == (0, 1, 0)
+    assert _attachments(tmp_path / "b.mcap") == {"notes.txt": b"hello"}
