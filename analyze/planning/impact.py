@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from analyze.geometry.object_model import ObjectModel
-from analyze.geometry.polyhedron import BoolArray, area_vectors
+from analyze.planning.clearance import LANES, TIP_RADIUS, meets_squarely, section, stays_clear, under_arm
 from analyze.planning.pivots import PivotAxis, Swing
-from analyze.types import Array, IntArray
+from analyze.types import Array
 from schemas.impact_law import inverse_impact_mass, tip_speed_for_impulse
 from schemas.rig_limits import tip_speeds
 
@@ -18,20 +18,10 @@ NOMINAL = tip_speeds()
 """Range of the nominal striker's tip speeds [m/s]."""
 GRAVITY = 9.81
 """Gravity [m/s^2], precise enough for plans."""
-TIP_RADIUS = 0.008
-"""Radius of the striker's tip [m]."""
 MIN_DEPTH_BELOW_TOP = 0.010
 """Smallest distance of an impact point below the object's top [m]."""
 HEIGHT_STEP = 0.001
 """Spacing of the heights tried [m]."""
-SECTION_OFFSET = 1.7e-8
-"""Offset of the plane y = 0 in which rays run [m], so that no corner lies exactly in it."""
-HEIGHT_ERROR = 0.004
-"""Error of the height [m] at which the tip must still meet the same face."""
-MAX_FLANK_LEAD = 0.001
-"""Distance [m] by which a slanting face may meet the tip's flank before its foremost point."""
-MAX_GLANCE = np.radians(20.0)
-"""Largest angle [rad] between surface normal and strike at which the tip does not glance off."""
 CARD_OVER_TAG_SIZE = 10 / 8
 """Edge of a marker's card over that of its black square (one white cell around 8)."""
 
@@ -111,9 +101,11 @@ def impact_points(
 
     The sphere moves along +x in the plane y = 0 of W, the world frame at rest: x in the direction in which
     the object tips, y along the pivot edge (0 at `axis.point`), z up. Heights are `HEIGHT_STEP` apart. Left
-    out are heights at which the sphere's flank meets another part first, those whose surface within
-    `HEIGHT_ERROR` has a step or is too oblique (over `MAX_GLANCE`), those less than `MIN_DEPTH_BELOW_TOP`
-    below the top, and those out of the striker's reach.
+    out are heights at which the sphere meets another part first, those whose surface has a step near by or is
+    too oblique (`meets_squarely`), those at which the arm meets an overhanging part (`under_arm`), those at
+    which a part that juts out below, such as a handle, rises against the sphere as the object tips
+    (`stays_clear`), those less than `MIN_DEPTH_BELOW_TOP` below the top, and those out of the striker's
+    reach.
 
     Args:
         model: Shape of the object.
@@ -131,96 +123,23 @@ def impact_points(
     world = model.hull_vertices @ R.T + p
     start, top = float(world[:, 0].min()) - 0.1, float(world[:, 2].max())
     heights = np.arange(HEIGHT_STEP / 2, top, HEIGHT_STEP)
-    distance, glance = _profile(model, axis, heights, start)
+    sections = [section(model, axis, heights, start, beside) for beside in LANES]
+    distance = sections[len(LANES) // 2].distance
     centres = np.array([centre for centre, _ in cards]).reshape(-1, 3)
     near_to = np.array([0.5 * CARD_OVER_TAG_SIZE * edge + TIP_RADIUS for _, edge in cards])
     result: list[ImpactPoint] = []
     tried = np.flatnonzero(
         (heights >= striker.lowest_m) & (heights <= min(top - MIN_DEPTH_BELOW_TOP, striker.highest_m))
     )
-    for i in tried[_clear_heights(heights, distance, glance, tried)]:
+    tried = tried[meets_squarely(sections, heights, tried)]
+    tried = tried[under_arm(sections, heights, tried)]
+    for i in tried[stays_clear(sections, heights, start, axis.radius, tried)]:
         height = float(heights[i])
         point = R.T @ (np.array([start + distance[i], 0.0, height]) - p)
         friction = [friction_at_impact(each, height) for each in swings]
         near = bool(np.any(np.linalg.norm(point - centres, axis=1) < near_to))
         result.append(ImpactPoint(height, point, friction[0], max(friction), near))
     return result
-
-
-def _clear_heights(heights: Array, distance: Array, glance: Array, tried: IntArray) -> BoolArray:
-    """Mask (k,) of heights at which the striker's foremost point meets an even, upright surface.
-
-    The striker's tip is a sphere that moves along a horizontal ray. Its flank must not meet another part of
-    the object first; within `HEIGHT_ERROR` the surface must have no step, and its normal must be within
-    `MAX_GLANCE` of the ray.
-
-    Args:
-        heights: (n,) heights over the table [m], equally spaced.
-        distance: (n,) distance to the surface at each height, from `_profile` [m].
-        glance: (n,) angle of the surface's normal to the ray, from `_profile` [rad].
-        tried: (k,) indices of the heights to judge.
-    """
-    offset = np.abs(heights - heights[tried, None])
-    flank = TIP_RADIUS - np.sqrt(np.maximum(TIP_RADIUS**2 - offset**2, 0))
-    near_by = offset <= HEIGHT_ERROR
-    met_before = np.any(
-        (offset < TIP_RADIUS) & (distance + flank < distance[tried, None] - MAX_FLANK_LEAD), axis=1
-    )
-    square = np.where(near_by, glance, 0.0).max(axis=1, initial=0.0) <= MAX_GLANCE
-    first, last = (np.where(near_by, distance, end) for end in (np.inf, -np.inf))
-    even = last.max(axis=1, initial=-np.inf) <= first.min(axis=1, initial=np.inf) + 2 * HEIGHT_ERROR * np.tan(
-        MAX_GLANCE
-    )
-    return np.logical_not(met_before) & square & even
-
-
-def _profile(model: ObjectModel, axis: PivotAxis, heights: Array, start: float) -> tuple[Array, Array]:
-    """Distance to the surface, and angle of its normal, along rays in W's +x at y = 0, at several heights.
-
-    W is the world frame at rest: x in the direction in which the object tips, y along the pivot edge, z up.
-    The faces that the plane y = 0 cuts become segments (x, z), of which each ray meets the foremost.
-
-    Args:
-        model: Shape of the object.
-        axis: Pivot axis, for the rest pose.
-        heights: (n,) heights over the table [m].
-        start: x at which the rays start [m], outside the object.
-
-    Returns:
-        Distance (n,) [m] from `start` to the surface, and angle (n,) [rad] between its outward normal and -x;
-        inf and pi where nothing is met.
-    """
-    R, p = axis.R_world_object, axis.p_world_object
-    # Offset so that no corner lies exactly in the plane.
-    height: Array = model.vertices @ R[1] + p[1] - SECTION_OFFSET
-    a, b, c = (height[corner] > 0 for corner in model.faces.T)
-    cut = model.faces[(a != b) | (a != c)]
-    corners: Array = model.vertices[cut] @ R.T + p
-    y: Array = height[cut]
-    distance, glance = np.full(len(heights), np.inf), np.full(len(heights), np.pi)
-    if not len(corners):
-        return distance, glance
-    # Two of a cut face's three edges are cut: those from the corner that is alone on its side.
-    above = y > 0
-    lone = np.argmax(np.where(above.sum(axis=1, keepdims=True) == 1, above, np.logical_not(above)), axis=1)
-    row = np.arange(len(corners))
-    ends: list[Array] = []
-    for step in (1, 2):
-        other = (lone + step) % 3
-        share = y[row, lone] / (y[row, lone] - y[row, other])
-        ends.append(corners[row, lone] + share[:, None] * (corners[row, other] - corners[row, lone]))
-    first, second = ends
-    normal = area_vectors(corners)
-    angle = np.arccos(np.clip(-normal[:, 0] / np.maximum(np.linalg.norm(normal, axis=1), 1e-30), -1, 1))
-    rise = second[:, 2] - first[:, 2]
-    along = (heights[:, None] - first[:, 2]) / np.where(np.abs(rise) > 1e-12, rise, 1.0)
-    met = (along >= 0) & (along <= 1) & (np.abs(rise) > 1e-12)
-    x = np.where(met, first[:, 0] + along * (second[:, 0] - first[:, 0]), np.inf)
-    foremost = np.argmin(x, axis=1)
-    hit = np.isfinite(x[np.arange(len(heights)), foremost])
-    distance[hit] = x[hit, foremost[hit]] - start
-    glance[hit] = angle[foremost[hit]]
-    return distance, glance
 
 
 def best_impact(points: list[ImpactPoint], friction: float) -> ImpactPoint | None:

@@ -205,7 +205,11 @@ def test_rejections_name_axis_code_and_number():
 
 
 def test_tip_keeps_clear_of_edges_and_of_parts_that_stick_out_below():
-    """A plate with a post on it: the tip meets the post high enough that its flank passes the plate."""
+    """A plate with a post on it: the tip meets the post so high that the plate does not rise against it.
+
+    Its flank alone would pass the plate from 28 mm on. The plate's rim, 70 mm behind the pivot line, rises by
+    10 mm in the first 8 degrees.
+    """
     plate, post = (
         box_triangles(np.array([80.0, 60, 20]), (0, 0, 10)),
         box_triangles(np.array([40.0, 60, 100]), (0, 0, 70)),
@@ -224,7 +228,8 @@ def test_tip_keeps_clear_of_edges_and_of_parts_that_stick_out_below():
     )
     assert heights.min() >= 0.015
     assert heights.max() <= 0.110
-    assert not np.any((heights > 0.016) & (heights < 0.0275))
+    assert not np.any((heights > 0.016) & (heights < 0.0345))
+    assert np.any((heights > 0.0345) & (heights < 0.0395))
     on_plate = [p for p in impact_points(model, upright, [expected], [], StrikerModel()) if p.height < 0.02]
     assert all(abs(abs(p.point[0]) - 0.04) < 1e-6 for p in on_plate)
 

@@ -1,0 +1,74 @@
+"""The striker meets the object where nothing of it is, or comes, in the way of tip and arm."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analyze.geometry.object_model import load_object_model
+from analyze.planning.hypothesis import hypothesis
+from analyze.planning.impact import StrikerModel, impact_points
+from analyze.planning.pivots import pivot_axes, swing
+from analyze.planning.stable_planes import resting_planes
+from tests.analyze.geometry.shapes import box_triangles, spec_of, stl
+from tests.analyze.planning.random_bodies import FAR_TAG
+
+POST = ((60.0, 60.0, 150.0), (0.0, 0.0, 75.0))
+
+
+def points_towards_plus_x(*more):
+    """Impact points of a post with more boxes (size, centre) [mm], struck upright in its +x direction."""
+    triangles = np.concatenate([box_triangles(np.array(size), at) for size, at in (POST, *more)])
+    spec = spec_of({"file": "p.stl", "unit": "mm"}, markers=[FAR_TAG])
+    model = load_object_model(spec, stl(triangles), "p.stl")
+    believed = hypothesis(model)
+    axis = next(
+        each
+        for each in pivot_axes(model, spec, resting_planes(model), believed)
+        if each.plane.up[2] > 0.99 and each.tip[0] > 0.99
+    )
+    expected = swing(axis, believed.region.centre, spec.mass_kg, believed.unit_inertia, 9.81)
+    return impact_points(model, axis, [expected], [], StrikerModel())
+
+
+def heights(*more):
+    return np.array([point.height for point in points_towards_plus_x(*more)])
+
+
+def test_plain_post_is_struck_anywhere():
+    assert 0.015 <= heights().min() < 0.017
+    assert 0.138 < heights().max() < 0.141
+
+
+def test_jug_is_not_struck_above_its_handle():
+    """The handle, 15 to 45 mm behind the wall, rises by 7 to 11 mm in the first 8 degrees."""
+    handle = (
+        ((30.0, 14.0, 10.0), (-45.0, 0.0, 110.0)),
+        ((30.0, 14.0, 10.0), (-45.0, 0.0, 40.0)),
+        ((10.0, 14.0, 80.0), (-65.0, 0.0, 75.0)),
+    )
+    points = points_towards_plus_x(*handle)
+    found = np.array([point.height for point in points])
+    assert not np.any((found > 0.115) & (found < 0.130))
+    on_handle = [point for point in points if 0.045 < point.height < 0.105]
+    assert on_handle
+    assert all(abs(point.point[0] + 0.070) < 1e-6 for point in on_handle)
+
+
+def test_rib_beside_the_path_is_in_the_way():
+    """A rib from 5 to 12 mm beside the path stands before the lower half of the wall."""
+    rib = ((10.0, 7.0, 60.0), (-35.0, 8.5, 30.0))
+    assert heights(rib).min() > 0.065
+
+
+def test_tip_does_not_meet_a_narrow_rail():
+    """A rail of 3 mm: the tip, 2 mm off its path, glances off the rail's corner."""
+    assert not len(heights(((20.0, 3.0, 150.0), (-40.0, 0.0, 75.0))))
+
+
+def test_arm_keeps_clear_of_a_lid_that_juts_out():
+    """The arm, 120 mm long, would meet a lid 150 mm up, 12 mm proud of the wall; the lid can be struck."""
+    lid = ((84.0, 84.0, 30.0), (0.0, 0.0, 165.0))
+    points = points_towards_plus_x(lid)
+    on_lid = [point for point in points if abs(point.point[0] + 0.042) < 1e-6]
+    assert on_lid
+    assert all(point.height < 0.031 for point in points if point not in on_lid)
