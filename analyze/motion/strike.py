@@ -201,7 +201,10 @@ def _analysed(
         or judge_place(place, fit)
     )
     if vague is not None:
-        return _result(task, judgement or vague, angle, course, None, ())
+        # Rolling aside on a rim makes phi uncertain. Balance has no certain frame then: all of the fit counts.
+        seen = judge_contact(fits.motion, fit.window, task.planned.rolls, settings.verdict)
+        rolled = seen if seen is not None and seen.code is Verdict.ROLLED else None
+        return _result(task, judgement or rolled or vague, angle, course, None, ())
     ratio = _energy_ratio(fit)
     judgement = judgement or judge_hard(fits.motion, course, ratio, settings.verdict)
     found = _result(

@@ -1,12 +1,14 @@
 """Verdicts on motions given as arrays: each limit, just inside and just outside."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from analyze.motion import strike
 from analyze.motion.phases import Course
-from analyze.motion.settings import VerdictLimits
+from analyze.motion.settings import MotionSettings, VerdictLimits
 from analyze.motion.strike_task import StrikeTask
 from analyze.motion.tip_angle import PlanarMotion
 from analyze.motion.verdict import judge_contact, judge_fit, judge_hard, judge_motion, judge_vague
@@ -130,3 +132,20 @@ def test_a_rim_that_rolled_is_not_said_to_have_left_the_table():
     found = judge_contact(rolled, (13, N), rolls=False, limits=LIMITS)
     assert found is not None
     assert found.code is Verdict.AIRBORNE
+
+
+@pytest.mark.parametrize("rolls", [True, False])
+def test_an_uncertain_balance_point_on_a_rim_is_put_down_to_rolling(monkeypatch, task, rolls):
+    """An object rolls aside from 5 deg past its supposed balance on: striking less hard does not help."""
+    seen = motion(lift=0.01)
+    seen.angle.off_axis[42:] = 0.15
+    seen.lift[:42] = 0.0
+    fits = SimpleNamespace(chosen=fit(phi_sd=0.1), motion=seen, second_impact=None, problem="", others=())
+    monkeypatch.setattr(strike, "fit_strike", lambda *_: fits)
+    monkeypatch.setattr(strike, "find_course", lambda *_: COURSE)
+    monkeypatch.setattr(strike, "measure_pivot", lambda *_: None)
+    at = replace(task, planned=task.planned.model_copy(update={"rolls": rolls}))
+    found = strike._analysed(seen, at, MotionSettings())
+    assert found.fit is None
+    assert found.verdict is (Verdict.ROLLED if rolls else Verdict.UNREADABLE)
+    assert ("turn its heavy side towards the striker" in found.reason) is rolls
