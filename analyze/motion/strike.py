@@ -201,7 +201,7 @@ def _analysed(
         or judge_place(place, fit)
     )
     if vague is not None:
-        # Rolling aside on a rim makes phi uncertain. Balance has no certain frame then: all of the fit counts.
+        # Rolling aside on a rim makes phi uncertain; balance has no certain frame then: judge the whole fit.
         seen = judge_contact(fits.motion, fit.window, task.planned.rolls, settings.verdict)
         rolled = seen if seen is not None and seen.code is Verdict.ROLLED else None
         return _result(task, judgement or rolled or vague, angle, course, None, ())
