@@ -141,25 +141,34 @@ def match_strikes(
     return matches
 
 
-def matched_ids(matches: Sequence[Match]) -> list[str] | None:
-    """Planned ids of the tips by the placements that they show; None if one is not determined.
+def matched_ids(matches: Sequence[Match], stated: Sequence[str | None]) -> list[str] | None:
+    """Planned ids of the tips, as stated or by the placements that they show; None if one is not determined.
 
-    Tips of one placement are the strikes of that placement in the plan's order; further tips repeat them.
+    Tips of one placement are the strikes of that placement that are not stated, in the plan's order; further
+    tips repeat them.
+
+    Args:
+        matches: placement that each tip shows.
+        stated: planned id of each tip, `SKIPPED` for one left out; None where it is not stated.
     """
     given: Counter[str] = Counter()
     ids: list[str] = []
-    for match in matches:
+    for match, name in zip(matches, stated, strict=True):
+        if name is not None:
+            ids.append(name)
+            continue
         if match.placement is None:
             return None
         strikes = match.placement.strikes
-        ids.append(strikes[given[match.placement.names] % len(strikes)].id)
+        left = [strike.id for strike in strikes if strike.id not in stated] or [each.id for each in strikes]
+        ids.append(left[given[match.placement.names] % len(left)])
         given[match.placement.names] += 1
     return ids
 
 
 def refuse_contradiction(
     tips: Sequence[TipInView],
-    ids: Sequence[str],
+    ids: Sequence[str | None],
     matches: Sequence[Match],
     plan: StrikePlan,
     spec: ObjectSpec,
@@ -169,7 +178,7 @@ def refuse_contradiction(
 
     Args:
         tips: tips found in the videos.
-        ids: planned id of each tip; `SKIPPED` for those left out.
+        ids: planned id of each tip; `SKIPPED` for those left out, None for those of which it is not stated.
         matches: placement that each tip shows.
         plan: strike plan.
         spec: object file, for the names of sides.
@@ -181,7 +190,7 @@ def refuse_contradiction(
     placement_of = {strike.id: each for each in placements_of(plan) for strike in each.strikes}
     for tip, strike_id, match in zip(tips, ids, matches, strict=True):
         shown = match.placement
-        if strike_id == SKIPPED or shown is None or placement_of[strike_id].names == shown.names:
+        if strike_id in (None, SKIPPED) or shown is None or placement_of[strike_id].names == shown.names:
             continue
         raise ImportRefused(
             f"{tip.name}: by {stated_by} it is {strike_id} ({placement_of[strike_id].words(spec)}), but the "
@@ -190,16 +199,23 @@ def refuse_contradiction(
         )
 
 
-def refuse_undetermined(tips: Sequence[TipInView], matches: Sequence[Match]) -> None:
-    """Check that the images show the placement of every tip, if they show that of any.
+def refuse_undetermined(
+    tips: Sequence[TipInView], matches: Sequence[Match], stated: Sequence[str | None]
+) -> None:
+    """Check that the images show the placement of every tip that is not stated, if they show that of any.
+
+    Args:
+        tips: tips found in the videos.
+        matches: placement that each tip shows.
+        stated: planned id of each tip; None where it is not stated.
 
     Raises:
         ImportRefused: the placements of some tips are recognised, and that of another one is not.
     """
     if all(match.placement is None for match in matches):
         return
-    for tip, match in zip(tips, matches, strict=True):
-        if match.unknown:
+    for tip, match, name in zip(tips, matches, stated, strict=True):
+        if match.unknown and name is None:
             raise ImportRefused(
                 f"{tip.name}: which strike it shows is unknown: {match.unknown}; the others are recognised: "
                 f"name it with --strike ID, or leave it out (--strike {SKIPPED})"

@@ -21,8 +21,8 @@ class ImportOptions:
     camera_path: Path | None
     """camera file; None for the calibration in the sources' own files"""
     strikes: tuple[str, ...] = ()
-    """ids of planned strikes, or "-" to leave one out, in the order of the sources, or of the strikes in a
-    single source"""
+    """ids of planned strikes, "-" to leave one out, or "auto" where the images shall show it, in the order of
+    the sources, or of the strikes in a single source"""
     whole: bool = False
     """True if each source shows one strike and is used whole; no onset (begin of a tip) is searched for"""
     source: SourceOptions = field(default_factory=SourceOptions)

@@ -15,34 +15,24 @@ import numpy as np
 
 from analyze.cameras.camera_file import CameraFile, camera_of, read_camera
 from analyze.errors import ImportRefused
+from analyze.importing.assignment import assigned_ids
 from analyze.importing.camera_pose import EstimatedCameraPose, camera_pose_from_strike, mean_camera_pose
-from analyze.importing.matching import (
-    TipInView,
-    match_strikes,
-    matched_ids,
-    refuse_contradiction,
-    refuse_undetermined,
-)
 from analyze.importing.onsets import Onset, OnsetFinder
 from analyze.importing.options import ImportOptions
-from analyze.importing.prepared_import import Assignment, PreparedImport, storable_videos
+from analyze.importing.prepared_import import PreparedImport, storable_videos
 from analyze.importing.seen_tips import see_tips
 from analyze.importing.spool import Spool
-from analyze.importing.tip_view import TipView
+from analyze.importing.tip_view import TipView, view_by_placed_tag
 from analyze.importing.windows import (
-    SKIPPED,
     Clip,
-    FoundTip,
     StrikeWindow,
     found_tips,
-    ids_in_order,
-    stated_ids,
     strike_windows,
     window_around,
 )
 from analyze.pipeline.read_evidence import placed_markers
 from analyze.progress import Progress, no_progress
-from analyze.reading.object_file import ObjectFiles, read_object_files
+from analyze.reading.object_file import read_object_files
 from analyze.sources.open_source import open_source
 from analyze.sources.source import Frames, FrameSource
 from analyze.sources.video import VideoSource
@@ -100,15 +90,15 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
             clips = tuple(Clip(path) for path in options.sources)
         else:
             directions = frozenset(math.cos(strike.heading_rad) > 0 for strike in plan.strikes)
-            markers = [marker.name for marker in files.spec.marker]
+            names = [marker.name for marker in files.spec.marker]
             clips = tuple(
-                _search(*each, markers, splits, directions, progress)
+                _search(*each, names, splits, directions, progress)
                 for each in zip(options.sources, sources, spools, strict=True)
             )
-        tips = found_tips(clips, splits)
-        seen = see_tips(placed_markers(files.spec), camera, images, clips, tips, progress)
-        views = seen.views
-        ids, assignment = _assigned_ids(options, plan, files, camera, clips, tips, views, splits)
+        tips, markers = found_tips(clips, splits), placed_markers(files.spec)
+        seen = see_tips(markers, camera, images, clips, tips, progress)
+        views = [view_by_placed_tag(each, markers) for each in seen.tags]
+        ids, assignment = assigned_ids(options, plan, files, camera, clips, tips, seen.tags, splits)
         windows = strike_windows(clips, tips, ids)
         if not windows:
             raise ImportRefused("every source is left out: nothing remains to import")
@@ -247,51 +237,6 @@ def _search(
         source.check_constant_rate(np.array(times, np.int64))
     last_ns = times[-1] if times else None
     return Clip(path, tuple(onsets), last_ns, frame_ns, finder.ever_rested, finder.turned_back)
-
-
-def _assigned_ids(
-    options: ImportOptions,
-    plan: StrikePlan,
-    files: ObjectFiles,
-    camera: CameraFile,
-    clips: Sequence[Clip],
-    tips: Sequence[FoundTip],
-    views: Sequence[TipView | None],
-    split: bool,
-) -> tuple[list[str], Assignment]:
-    """Planned id of each tip: as stated, else as the images show it, else in the plan's order.
-
-    Raises:
-        ImportRefused: a tip shows another strike than stated, or one that the plan does not have, or its
-            strike is not determined.
-    """
-    planned = [strike.id for strike in plan.strikes]
-    seen = [
-        TipInView(tip.name, view, clips[tip.clip].why_no_strike if tip.onset is None else "")
-        for tip, view in zip(tips, views, strict=True)
-    ]
-    up = np.array(camera.calibration.T_world_camera)[2, :3] if camera.placed else None
-    matches = match_strikes(seen, plan, files.spec, up)
-    ids = stated_ids(clips, tips, planned, options.strikes)
-    if ids is not None:
-        by_option = bool(options.strikes)
-        refuse_contradiction(seen, ids, matches, plan, files.spec, "--strike" if by_option else "its name")
-        return ids, Assignment.OPTION if by_option else Assignment.NAMES
-    for match in matches:
-        if match.misfit:
-            raise ImportRefused(
-                f"{match.misfit}: name it with --strike ID, or leave it out (--strike {SKIPPED})"
-            )
-    ids = matched_ids(matches)
-    if ids is not None:
-        return ids, Assignment.IMAGES
-    try:
-        ids = ids_in_order(clips, tips, planned, split)
-        refuse_contradiction(seen, ids, matches, plan, files.spec, "the plan's order")
-    except ImportRefused:
-        refuse_undetermined(seen, matches)
-        raise
-    return ids, Assignment.ORDER
 
 
 def _estimate_camera_pose(

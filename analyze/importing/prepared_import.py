@@ -108,11 +108,11 @@ class PreparedImport:
         ]
 
     def _unplaced_tags(self) -> Iterator[str]:
-        """Yield a remark if no tag has a place on the object, by which videos would be recognised."""
+        """Yield a remark if no tag has a place on the object: videos are only checked against each other."""
         if all(marker.T_object_marker is None for marker in self.object.spec.marker):
             yield (
-                "the object file has no place of a tag (T_object_marker), so that no video is checked "
-                "against its strike: `analyze register` finds the places, and names a strike that was placed "
+                "the object file has no place of a tag (T_object_marker), so that videos are only checked "
+                "against each other: `analyze register` finds the places, and names a strike that was placed "
                 "otherwise"
             )
 

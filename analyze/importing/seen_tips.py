@@ -8,7 +8,7 @@ from itertools import islice
 
 from analyze.cameras.camera_file import CameraFile
 from analyze.errors import TrackingError
-from analyze.importing.tip_view import TipView, tip_view
+from analyze.importing.tip_view import TagView, tag_views
 from analyze.importing.windows import Clip, FoundTip, window_around
 from analyze.progress import Progress
 from analyze.sources.source import Frames, TimedImage
@@ -28,8 +28,8 @@ motion"""
 class SeenTips:
     """Each tip as the camera sees it, and remarks on a camera that did not stand still."""
 
-    views: tuple[TipView | None, ...]
-    """for each tip its view; None if no marker of known pose on the object is at rest in view"""
+    tags: tuple[tuple[TagView, ...], ...]
+    """for each tip the views of its tags, the best first; empty if no marker is at rest in view"""
     remarks: tuple[str, ...] = ()
     """remarks for the user on a camera that moved during a tip, or between tips"""
 
@@ -60,14 +60,15 @@ def see_tips(
     tips: Sequence[FoundTip],
     progress: Progress,
 ) -> SeenTips:
-    """Pose of the object at rest in the camera's frame, and the line about which it turns, for each tip.
+    """Pose of each tag at rest in the camera's frame, and the line about which it turns, for each tip.
 
     Args:
-        markers: markers of the object; without one of known pose nothing is looked at.
+        markers: markers of the object; without one of known pose, and without the camera's pose, nothing is
+            looked at.
         camera: lens of the camera.
         images: images of each source.
         clips: the sources.
-        tips: the tips; those without an onset (first motion) have no view.
+        tips: the tips; those without an onset (first motion) have no views.
         progress: called with a text, the number of finished tips and of all.
 
     Raises:
@@ -75,26 +76,26 @@ def see_tips(
             twice.
     """
     lens = camera_from_spec(camera.calibration)
-    if all(marker.T_object_marker is None for marker in markers):
-        return SeenTips((None,) * len(tips))
-    views: list[TipView | None] = []
+    if not camera.placed and all(marker.T_object_marker is None for marker in markers):
+        return SeenTips(((),) * len(tips))
+    views: list[tuple[TagView, ...]] = []
     filmed: list[tuple[str, _Images]] = []
     for number, tip in enumerate(tips):
         progress("recognising the strikes", number, len(tips))
         if tip.onset is None:
-            views.append(None)
+            views.append(())
             continue
         frame_ns = clips[tip.clip].frame_ns
         start_ns, end_ns = window_around(tip.onset, frame_ns)
         until_ns = tip.onset.time_ns + max(MOTION_AFTER_ONSET_NS, round(MOTION_FRAMES * frame_ns))
         passing = _Images(images[tip.clip].frames(start_ns, min(until_ns, end_ns)))
         try:
-            views.append(tip_view(passing.frames(), tip.onset.time_ns, lens, markers))
+            views.append(tag_views(passing.frames(), tip.onset.time_ns, lens, markers))
         except TrackingError:
             # The strike is refused by name when it is estimated; the others can be used.
             if not camera.placed:
                 raise
-            views.append(None)
+            views.append(())
         filmed.append((tip.name, passing))
     return SeenTips(tuple(views), (*_moved_during(filmed), *_moved_between(filmed)))
 

@@ -1,7 +1,7 @@
 """Object at rest in a camera's view before a strike, and the line about which it then turns.
 
-Both come from one tag whose pose on the object is known, without the camera's pose. T_a_b is the pose of b in
-a; C is the camera's frame, O the object's.
+Both come from one tag, without the camera's pose: in the object's frame O if the tag's pose on the object is
+known, else in the tag's frame M. T_a_b is the pose of b in a; C is the camera's frame.
 """
 
 from __future__ import annotations
@@ -25,12 +25,15 @@ MIN_IMAGES = 3
 
 @dataclass(frozen=True)
 class TurningLine:
-    """Line in the object's frame O about which the object turned; positive by the right-hand rule."""
+    """Line in a frame fixed to the resting object about which it turned; positive by the right-hand rule.
+
+    The frame is the object's frame O, or a tag's frame M.
+    """
 
     direction: Array
-    """(3,) unit vector along the line, in O"""
+    """(3,) unit vector along the line"""
     point: Array
-    """(3,) point of the line nearest to the tag, in O [m]"""
+    """(3,) point of the line nearest to the tag [m]"""
     distance: float
     """distance of the line from the tag's middle [m]"""
 
@@ -47,12 +50,34 @@ class TipView:
     """line about which the object turned; None if it turned too little in view"""
 
 
-def tip_view(
-    frames: Iterable[ImageFrame], rest_until_ns: int, camera: CameraModel, markers: Sequence[Marker]
-) -> TipView | None:
-    """Follow the object's tags from rest into a tip; return its pose at rest and its turning line.
+@dataclass(frozen=True)
+class TagView:
+    """Pose of one tag at rest in the camera's frame, and the line in its own frame about which it turned."""
 
-    Of the tags whose pose on the object is known, the one that is seen largest and longest is used.
+    marker: int | str
+    """name of the tag"""
+    T_camera_marker: Array
+    """(4, 4) pose of the tag at rest in the camera's frame, translation in m"""
+    line: TurningLine | None
+    """line about which the object turned, in the tag's frame M; None if it turned too little in view"""
+
+    def on_object(self, T_object_marker: Array) -> TipView:
+        """Pose and turning line of the object, whose frame follows from the tag's pose on it.
+
+        Args:
+            T_object_marker: (4, 4) pose of the tag in the object's frame [m].
+        """
+        R, t, line = T_object_marker[:3, :3], T_object_marker[:3, 3], self.line
+        on_object = (
+            None if line is None else TurningLine(R @ line.direction, R @ line.point + t, line.distance)
+        )
+        return TipView(self.marker, self.T_camera_marker @ inverse_transform(T_object_marker), on_object)
+
+
+def tag_views(
+    frames: Iterable[ImageFrame], rest_until_ns: int, camera: CameraModel, markers: Sequence[Marker]
+) -> tuple[TagView, ...]:
+    """Follow the object's tags from rest into a tip; return rest and turning line of each.
 
     Args:
         frames: images from rest into the motion, which resolves a tag's pose ambiguity.
@@ -61,31 +86,36 @@ def tip_view(
         markers: markers of the object.
 
     Returns:
-        The view; None if no marker of known pose on the object is at rest in view.
+        Views of the tags that are seen at rest, the one that is seen largest and longest first.
 
     Raises:
         TrackingError: a marker of the object is in view twice, only markers of other objects are, the images
             have another size than the lens, or its row delay is too long for the frame rate.
     """
     tracks = track_markers(frames, camera, markers).tracks
+    rested = [track for track in tracks if np.any(track.time_ns <= rest_until_ns)]
+    views: list[TagView] = []
+    for track in sorted(rested, key=_pixels_seen, reverse=True):
+        resting = track.time_ns <= rest_until_ns
+        T_camera_marker = transform(
+            nearest_rotation(track.R_camera_marker[resting].mean(axis=0)),
+            track.p_camera_marker[resting].mean(axis=0),
+        )
+        now = transform(track.R_camera_marker[~resting], track.p_camera_marker[~resting])
+        line = _turning_line(inverse_transform(T_camera_marker) @ now)
+        views.append(TagView(track.marker_id, T_camera_marker, line))
+    return tuple(views)
+
+
+def view_by_placed_tag(views: Sequence[TagView], markers: Sequence[Marker]) -> TipView | None:
+    """View of the object by the first tag whose pose on the object is known; None if there is none.
+
+    Args:
+        views: views of the tags, the best first.
+        markers: markers of the object.
+    """
     placed = {marker.id: marker.T_object_marker for marker in markers if marker.T_object_marker is not None}
-    rested = [
-        track for track in tracks if track.marker_id in placed and np.any(track.time_ns <= rest_until_ns)
-    ]
-    best = max(rested, key=_pixels_seen, default=None)
-    if best is None:
-        return None
-    T_object_marker = placed[best.marker_id]
-    resting = best.time_ns <= rest_until_ns
-    T_camera_marker = transform(
-        nearest_rotation(best.R_camera_marker[resting].mean(axis=0)),
-        best.p_camera_marker[resting].mean(axis=0),
-    )
-    T_marker_object = inverse_transform(T_object_marker)
-    T_camera_object = T_camera_marker @ T_marker_object
-    T_camera_marker_now = transform(best.R_camera_marker[~resting], best.p_camera_marker[~resting])
-    motion = inverse_transform(T_camera_object) @ T_camera_marker_now @ T_marker_object
-    return TipView(best.marker_id, T_camera_object, _turning_line(motion, T_object_marker[:3, 3]))
+    return next((view.on_object(placed[view.marker]) for view in views if view.marker in placed), None)
 
 
 def _pixels_seen(track: MarkerTrack) -> float:
@@ -94,15 +124,14 @@ def _pixels_seen(track: MarkerTrack) -> float:
     return float(np.sum(np.mean(np.linalg.norm(sides, axis=2), axis=1)))
 
 
-def _turning_line(motion: Array, middle: Array) -> TurningLine | None:
-    """Line about which the object turned, from its displacements since rest; None if there are too few.
+def _turning_line(motion: Array) -> TurningLine | None:
+    """Line about which a tag turned, from its displacements since rest; None if there are too few.
 
     The line's direction is the mean rotation vector. Its point solves (I - R) x = t by least squares for all
-    displacements x -> R x + t, and is the one nearest to the tag.
+    displacements x -> R x + t, and is the one nearest to the tag's middle.
 
     Args:
-        motion: (n, 4, 4) displacements of the object since rest, in the frame O of the resting object [m].
-        middle: (3,) middle of the tag in O [m].
+        motion: (n, 4, 4) displacements of the tag since rest, in the frame M of the resting tag [m].
     """
     turns = vector_from_matrix(motion[:, :3, :3])
     angles = np.linalg.norm(turns, axis=1)
@@ -116,8 +145,6 @@ def _turning_line(motion: Array, middle: Array) -> TurningLine | None:
     direction: Array = np.asarray(total / np.linalg.norm(total), dtype=np.float64)
     across = np.linalg.svd(direction[None, :])[2][1:].T
     R, t = motion[used, :3, :3], motion[used, :3, 3]
-    # Measured from the tag's middle, so that the point has no component along the line.
-    shift = t + R @ middle - middle
-    lever = np.linalg.lstsq(((np.eye(3) - R) @ across).reshape(-1, 2), shift.reshape(-1), rcond=None)[0]
-    offset: Array = np.asarray(across @ lever, dtype=np.float64)
-    return TurningLine(direction, middle + offset, float(np.linalg.norm(offset)))
+    lever = np.linalg.lstsq(((np.eye(3) - R) @ across).reshape(-1, 2), t.reshape(-1), rcond=None)[0]
+    point: Array = np.asarray(across @ lever, dtype=np.float64)
+    return TurningLine(direction, point, float(np.linalg.norm(point)))

@@ -13,6 +13,8 @@ from schemas.wording import counted
 
 SKIPPED = "-"
 """value of the option --strike, in place of an id, that leaves a strike out"""
+BY_IMAGES = "auto"
+"""value of the option --strike, in place of an id, for a strike that the images shall show"""
 BEFORE_ONSET_NS = 500_000_000
 """length of a window before the onset [ns]"""
 AFTER_ONSET_NS = 3_000_000_000
@@ -137,18 +139,18 @@ def found_tips(clips: Sequence[Clip], split: bool) -> tuple[FoundTip, ...]:
 
 def stated_ids(
     clips: Sequence[Clip], tips: Sequence[FoundTip], planned: Sequence[str], strike_ids: Sequence[str]
-) -> list[str] | None:
+) -> list[str | None]:
     """Planned ids of the tips as the option --strike or the names of the clips' files state them.
 
     Args:
         clips: clips in the order in which they were given.
         tips: tips that become strikes.
         planned: ids of the plan's strikes.
-        strike_ids: values of --strike, `SKIPPED` to leave one out; if empty, names of files without suffix
-            count if all of them are ids of the plan and no clip shows several strikes.
+        strike_ids: values of --strike, `SKIPPED` to leave one out, `BY_IMAGES` to state nothing; if empty,
+            names of files without suffix count that are ids of the plan, if no clip shows several strikes.
 
     Returns:
-        One id per tip; None if nothing states them.
+        One id per tip; None for a tip of which nothing is stated.
 
     Raises:
         ImportRefused: --strike is not given once per tip, or names no strike of the plan.
@@ -156,7 +158,7 @@ def stated_ids(
     if not strike_ids:
         names = [clips[tip.clip].path.stem for tip in tips]
         is_split = len(tips) > len(clips)
-        return names if set(names) <= set(planned) and not is_split else None
+        return [name if name in planned and not is_split else None for name in names]
     if len(strike_ids) != len(tips):
         if len(clips) == 1:
             raise ImportRefused(
@@ -168,9 +170,9 @@ def stated_ids(
             f"their order, {SKIPPED} to leave one out"
         )
     for each in strike_ids:
-        if each not in planned and each != SKIPPED:
+        if each not in planned and each not in (SKIPPED, BY_IMAGES):
             raise ImportRefused(f"--strike {each}: the plan has {', '.join(planned)}")
-    return list(strike_ids)
+    return [None if each == BY_IMAGES else each for each in strike_ids]
 
 
 def ids_in_order(

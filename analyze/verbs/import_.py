@@ -32,7 +32,7 @@ class _ImportArguments:
     output: Path | None
     """recording to write (.mcap); None only with `dry_run`"""
     strikes: tuple[str, ...]
-    """ids of the planned strikes that the sources show; empty for the plan's order"""
+    """ids of the planned strikes that the sources show; empty for files' names and images"""
     capture_fps: float | None
     """frame rate of the capture [Hz]; None for the rate that the file states"""
     capture_fps_sd: float | None
@@ -69,7 +69,7 @@ class _ImportArguments:
     multiple=True,
     metavar="ID",
     help="Planned strike that a source shows, once per source; with a single source, once per strike in it; "
-    "- leaves one out.  [default: the plan's order]",
+    "- leaves one out, auto lets the images show it.  [default: as the files are named, else auto]",
 )
 @click.option(
     "--capture-fps",

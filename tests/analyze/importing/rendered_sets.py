@@ -6,12 +6,14 @@ box set down the wrong way round, an edge that is not planned, a phone in the ha
 
 from __future__ import annotations
 
+import re
 import shutil
 import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from schemas.document import canonical_json
@@ -69,16 +71,24 @@ class VideoSet:
     """index in `paths` of the video that must be refused; None if all must be matched"""
 
 
-def write_pool(folder: Path) -> Pool:
-    """Render all videos into a folder."""
+def write_pool(folder: Path, *, placed: bool = True) -> Pool:
+    """Render all videos into a folder; without places tags are glued on anywhere and a board was filmed."""
     random = np.random.default_rng(24)
-    spec = read_object_spec(OBJECT)
+    drawn = tomllib.loads(OBJECT.read_text(encoding="utf-8"))
+    path, lens = OBJECT, LENS
+    if not placed:
+        text = re.sub(r"(?m)^T_object_marker.*\n", "", OBJECT.read_text(encoding="utf-8"))
+        path, lens = folder / "teabox.toml", LENS + f"T_world_camera = {_by_board(random).tolist()}\n"
+        path.write_text(text, encoding="utf-8")
+        for marker in drawn["marker"]:
+            marker["T_object_marker"] = _glued_anywhere(marker, drawn["shape"]["box"]["size_m"], random)
+    spec = read_object_spec(path)
     strikes = [each.model_copy(update={"id": f"s{n + 1}"}) for n, each in enumerate(EDGES[:PLANNED])]
     plan = StrikePlan(object_name=spec.name, object_sha256=object_sha256(spec, None), strikes=strikes)
-    files = {"object": OBJECT, "plan": folder / "plan.json", "camera": folder / "camera.toml"}
+    files = {"object": path, "plan": folder / "plan.json", "camera": folder / "camera.toml"}
     files["plan"].write_text(canonical_json(plan), encoding="utf-8")
-    files["camera"].write_text(LENS, encoding="utf-8")
-    sides = renderer.box_sides(tomllib.loads(OBJECT.read_text(encoding="utf-8")), random)
+    files["camera"].write_text(lens, encoding="utf-8")
+    sides = renderer.box_sides(drawn, random)
 
     def video(name: str, strike: PlannedStrike, turned_rad: float = 0.0) -> Path:
         """Video of one strike."""
@@ -104,6 +114,25 @@ def write_pool(folder: Path) -> Pool:
         "no tip": [changed("still", _standing(first_strike()))],
     }
     return Pool(files, planned, odd)
+
+
+def _by_board(random: np.random.Generator) -> np.ndarray:
+    """Pose of the phone (4, 4) as a board shows it that was laid on the table by hand."""
+    R, eye = renderer.camera()
+    turn = cv2.Rodrigues(np.array([0.0, 0.0, random.normal(0, renderer.BOARD_RAD)]))[0]
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = turn @ R.T, turn @ eye + random.normal(0, renderer.BOARD_M, 3) * [1, 1, 0]
+    return T
+
+
+def _glued_anywhere(marker: dict, size: Sequence[float], random: np.random.Generator) -> list[list[float]]:
+    """Place of a tag that is turned and shifted on its side as far as its white card allows."""
+    T = np.array(marker["T_object_marker"])
+    spin, reach = random.uniform(0, 2 * np.pi), 0.5 * np.sqrt(2) * 1.3 * marker["size_m"]
+    shift = [random.uniform(-1, 1) * max(0.0, float(np.abs(T[:3, i]) @ size) / 2 - reach) for i in (0, 1)]
+    T[:3, 3] += T[:3, :2] @ shift
+    T[:3, :3] = cv2.Rodrigues(spin * T[:3, 2])[0] @ T[:3, :3]
+    return T.tolist()
 
 
 def _swinging(images: Iterator[renderer.Image]) -> Iterator[renderer.Image]:

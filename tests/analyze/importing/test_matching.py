@@ -109,7 +109,7 @@ def test_tags_without_places_are_reported_with_the_command_that_finds_them(tmp_p
     monkeypatch.setattr(tip_videos, "OBJECT", unplaced)
     path = write_video(tmp_path / "IMG_0001.mp4", tip())
     with prepare(ImportOptions((path,), *setting(tmp_path))) as prepared:
-        assert prepared.assignment is Assignment.ORDER
+        assert prepared.assignment is Assignment.IMAGES
         assert any("`analyze register` finds the places" in remark for remark in prepared.remarks())
 
 
@@ -162,13 +162,13 @@ def test_thirty_shuffled_sets_are_matched_or_refused_with_the_reason(seed):
         tips[odd] = seen(PLAN.strikes[chosen[odd]], random, "odd.mp4", heading=np.pi)
         matches = matched(tips)
         assert "over an edge of no planned strike" in matches[odd].misfit
-        assert matched_ids(matches) is None
+        assert matched_ids(matches, [None] * len(tips)) is None
         return
     if seed % 3 == 2:
         tips[odd] = seen(EDGES[12 + int(random.integers(4))], random, "odd.mp4")
         assert "over an edge of no planned strike" in matched(tips)[odd].misfit
         return
-    ids = matched_ids(matched(tips))
+    ids = matched_ids(matched(tips), [None] * len(tips))
     assert ids is not None
     axis_of = {strike.id: strike.axis_id for strike in PLAN.strikes}
     assert [axis_of[each] for each in ids] == expected
