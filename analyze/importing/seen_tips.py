@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -22,6 +23,8 @@ resolves a tag's pose ambiguity"""
 MOTION_FRAMES = 144
 """least number of images after the onset that are used, so that undeclared slow motion shows enough of the
 motion"""
+WATCH_FRAMES = 24
+"""images from one comparison of the background to the next"""
 
 
 @dataclass(frozen=True)
@@ -35,21 +38,33 @@ class SeenTips:
 
 
 @dataclass
-class _Images:
-    """Images of one tip, passed on one at a time; the first and the last one read are kept."""
+class WatchedImages:
+    """Images of one tip that pass by, with the largest shift of the background against the first of them."""
 
     images: Iterable[TimedImage]
     """the images"""
     first: TimedImage | None = None
     """first image; None before it was read"""
-    last: TimedImage | None = None
-    """last image that was read; None before the first"""
+    shift_px: float = 0.0
+    """largest shift of the background against the first image [px]; 0 if it stayed, or shows too little"""
 
     def frames(self) -> Iterator[ImageFrame]:
-        """Yield the images as numbered frames."""
+        """Yield the images as numbered frames; every `WATCH_FRAMES`-th and the last are compared."""
+        last: TimedImage | None = None
         for number, image in enumerate(self.images):
-            self.first, self.last = self.first or image, image
+            self.first, last = self.first or image, image
+            if number % WATCH_FRAMES == 0:
+                self._compare(image)
             yield ImageFrame(image.time_ns, number, image.image)
+        if last is not None:
+            self._compare(last)
+
+    def _compare(self, image: TimedImage) -> None:
+        """Compare an image with the first one."""
+        if self.first is None or self.first is image:
+            return
+        shift = camera_shift(self.first.image, image.image)
+        self.shift_px = max(self.shift_px, 0.0 if shift is None else shift.pixels)
 
 
 def see_tips(
@@ -79,16 +94,20 @@ def see_tips(
     if not camera.placed and all(marker.T_object_marker is None for marker in markers):
         return SeenTips(((),) * len(tips))
     views: list[tuple[TagView, ...]] = []
-    filmed: list[tuple[str, _Images]] = []
+    filmed: list[tuple[str, WatchedImages]] = []
     for number, tip in enumerate(tips):
         progress("recognising the strikes", number, len(tips))
         if tip.onset is None:
             views.append(())
+            if clips[tip.clip].last_ns is not None:
+                whole = WatchedImages(images[tip.clip].frames())
+                deque(whole.frames(), maxlen=0)
+                filmed.append((tip.name, whole))
             continue
         frame_ns = clips[tip.clip].frame_ns
         start_ns, end_ns = window_around(tip.onset, frame_ns)
         until_ns = tip.onset.time_ns + max(MOTION_AFTER_ONSET_NS, round(MOTION_FRAMES * frame_ns))
-        passing = _Images(images[tip.clip].frames(start_ns, min(until_ns, end_ns)))
+        passing = WatchedImages(images[tip.clip].frames(start_ns, min(until_ns, end_ns)))
         try:
             views.append(tag_views(passing.frames(), tip.onset.time_ns, lens, markers))
         except TrackingError:
@@ -100,20 +119,17 @@ def see_tips(
     return SeenTips(tuple(views), (*_moved_during(filmed), *_moved_between(filmed)))
 
 
-def _moved_during(filmed: Sequence[tuple[str, _Images]]) -> Iterator[str]:
+def _moved_during(filmed: Sequence[tuple[str, WatchedImages]]) -> Iterator[str]:
     """Yield a remark for each tip during which the camera moved."""
     for name, passing in filmed:
-        if passing.first is None or passing.last is None:
-            continue
-        shift = camera_shift(passing.first.image, passing.last.image)
-        if shift is not None:
+        if passing.shift_px:
             yield (
-                f"{name}: the camera moved by {shift.pixels:.1f} px during the strike: put it on a stand "
+                f"{name}: the camera moved by {passing.shift_px:.1f} px during the strike: put it on a stand "
                 "that the strike does not shake, and film this strike again"
             )
 
 
-def _moved_between(filmed: Sequence[tuple[str, _Images]]) -> Iterator[str]:
+def _moved_between(filmed: Sequence[tuple[str, WatchedImages]]) -> Iterator[str]:
     """Yield one remark on the tips before which the camera stood otherwise than before the first one."""
     if not filmed or (first := filmed[0][1].first) is None:
         return

@@ -10,6 +10,8 @@ import pytest
 
 from analyze.importing.options import ImportOptions
 from analyze.importing.prepare import prepare
+from analyze.importing.seen_tips import WatchedImages
+from analyze.sources.source import TimedImage
 from analyze.tracking.camera_motion import camera_shift
 from tests.analyze.importing.tip_videos import REST, setting, tip, write_video
 
@@ -82,3 +84,28 @@ def test_camera_that_is_bumped_in_a_strike_or_between_strikes_is_reported(tmp_pa
         during, between = (line for line in prepared.remarks() if "the camera" in line)
     assert during.startswith("b.mp4: the camera moved by 4.")
     assert between.startswith("c.mp4: the camera stood otherwise than in a.mp4, by up to ")
+
+
+@pytest.mark.parametrize("returns", [True, False])
+def test_shake_that_returns_is_reported_like_one_that_stays(returns):
+    aside = moved(scene(), (3.0, 0.0))
+    images = [scene()] * 40 + [aside] * 40 + [scene() if returns else aside] * 20
+    watched = WatchedImages([TimedImage(number, noisy(image, number)) for number, image in enumerate(images)])
+    assert len(list(watched.frames())) == len(images)
+    assert watched.shift_px == pytest.approx(3.0, abs=0.4)
+
+
+def test_shake_of_a_camera_before_which_no_tip_is_found_is_reported(tmp_path):
+    def shaken(number: int, image: np.ndarray) -> np.ndarray:
+        sway = 5 * np.sin(0.3 * number)
+        ground = cv2.resize(moved(scene(), (2 * sway, 0.0)), (320, 240))
+        box = np.roll(image, round(sway), axis=1)
+        return np.where(np.abs(box.astype(int) - 120) < 2, ground, box)
+
+    paths = (
+        write_video(tmp_path / "s1.mp4", tip(), crf="10"),
+        write_video(tmp_path / "s2.mp4", [shaken(*each) for each in enumerate(tip())], crf="10"),
+    )
+    with prepare(ImportOptions(paths, *setting(tmp_path, ("s1", "s2")))) as prepared:
+        assert prepared.windows[1].onset is None
+        assert any(line.startswith("s2.mp4: the camera moved by ") for line in prepared.remarks())
