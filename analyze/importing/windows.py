@@ -45,8 +45,8 @@ class Clip:
         """Part of a sentence: the reason why no strike was found in the searched clip, and a remedy."""
         if not self.rested:
             return (
-                "its tag is seen, but is never at rest: put the camera on a stand and take your hand off the "
-                "object"
+                "its tag is seen, but is never at rest: put the camera on a stand, take your hand off the "
+                "object, and film from a second before the strike"
             )
         if self.turned_back:
             return (
