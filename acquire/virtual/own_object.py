@@ -33,7 +33,7 @@ from acquire.virtual.own_tags import tag_entries, with_places
 from acquire.virtual.part_hulls import merged_tree
 from acquire.virtual.primitive_meshes import box_mesh, cylinder_mesh
 from acquire.virtual.station import ARM_INERTIA_KG_M2, ARM_LENGTH_M, DISTANCE_M, FOCAL_PX, TABLE_FRICTION
-from acquire.virtual.tag_places import tag_places
+from acquire.virtual.tag_places import SIZES_M, tag_places
 from schemas.document import DocumentError, read_text
 from schemas.object_spec import ObjectSpec, parse_object_spec
 from schemas.wording import counted
@@ -123,7 +123,8 @@ def read_own_object(path: Path, seed: int, truth_path: Path | None, folder: Path
     exterior = _exterior(object_path, folder, str(path))
     if tagless:
         size = _USUAL_TAG_M * max(1.0, _view_distance(exterior.extent) / DISTANCE_M)
-        places = tag_places(exterior.triangles, size)
+        legible = _TAG_PX * _view_distance(exterior.extent) / FOCAL_PX
+        places = tag_places(exterior.triangles, size, min(legible, SIZES_M[0]))
         if not places:
             raise ConfigError(
                 f"{path}: lists no tags, and there is no flat place for one of {1000 * size:.0f} mm or less: "

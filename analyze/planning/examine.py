@@ -166,8 +166,8 @@ def _reach(
     )
     if point is None:
         text = (
-            "no upright surface beside the edge's middle that the striker reaches "
-            f"({1000 * bench.striker.lowest_m:.0f} to "
+            "beside the edge's middle there is no upright surface that the striker can meet without touching "
+            f"another part of the object ({1000 * bench.striker.lowest_m:.0f} to "
             f"{1000 * bench.striker.highest_m:.0f} mm over the table)"
         )
         return _reject(axis, "impact_unreachable", None, text)

@@ -16,9 +16,9 @@ from analyze.planning.fillings import Pieces, region_forecast
 from analyze.planning.footing import unsure_note
 from analyze.planning.information import Information
 from analyze.planning.next_edge import doubtful_note, taken_over_note
-from analyze.planning.pivots import PivotAxis
+from analyze.planning.pivots import PivotAxis, pivot_axes
 from analyze.planning.prepared import PreparedObject
-from analyze.planning.refusal import refusal_message
+from analyze.planning.refusal import axis_normals, refusal_message
 from analyze.planning.turned_strike import (
     TURNED,
     TurnableAxis,
@@ -203,9 +203,11 @@ def _chosen(prepared: PreparedObject, request: PlanRequest, so_far: Information)
             return found[1], ""
     plain = design.choose_design(information, request.strikes, request.most_axes)
     if plain is None:
+        axes = pivot_axes(model, prepared.spec, prepared.stable, prepared.believed)
+        normals = axis_normals(axes, prepared.believed.region.centre)
         raise PlanError(
             refusal_message(
-                model, prepared.planes, prepared.stable, information.candidates, prepared.rejected
+                model, prepared.planes, prepared.stable, information.candidates, prepared.rejected, normals
             )
         )
     if request.target_com is None or plain.com_rms <= request.target_com:

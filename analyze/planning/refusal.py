@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from analyze.geometry.object_model import ObjectModel
 from analyze.planning import next_edge, unscanned
-from analyze.planning.information import Candidate, unknown_direction
+from analyze.planning.design import MIN_NORMAL_SPREAD
+from analyze.planning.information import Candidate, normal_spread, unknown_direction
+from analyze.planning.pivots import PivotAxis
 from analyze.planning.rejections import rejection_summary
 from analyze.planning.stable_planes import RestingPlane
 from analyze.types import Array
@@ -29,33 +31,37 @@ MIN_BARE_SHARE = 0.005
 """Fraction of the surface up to which an unscanned part is too small for the rest to be a part of a ball."""
 MIN_BALL_SHARE = 0.3
 """Fraction of a sphere that must be scanned to recognise it."""
-REMEDIES = {
-    unscanned.CODE: f"the gaps of the scan leave no usable edge: {unscanned.REMEDY}",
-    "no_marker": "glue markers to the faces square to the edges",
-    "tag_small": "print larger tags, or bring the camera nearer",
-    "out_of_image": (
-        "move or turn the camera (camera.calibration in the rig file), or glue the tags where it sees the "
-        "whole tip"
-    ),
-    "hidden": "glue the tags where no part of the object stands before them",
-    next_edge.CODE: (
-        "stick on a foot (a flat plate with straight edges, its weight given as a marker's) that reaches "
-        "beyond the edges which land before balance, scan both together, and plan again"
-    ),
-    "slips": "use a mat with more friction",
-    "speed": "change the striker's effective mass or its speed limits (rig file)",
-    "impact_unreachable": "glue on a plate that the striker can meet",
-    "lifts": "glue the object to a base that is less wide for its height",
-    "too_steep": "stand it on a smaller face, or glue on a base that allows it",
-}
-"""Remedies by rejection code, the easiest first."""
-VISIBILITY_CODES = frozenset({"no_marker", "tag_small", "out_of_image", "hidden"})
-"""Codes about visibility, of which the most frequent one gives the remedy: they are equally easy to mend."""
 FOOT = (
     "stick on a foot (a flat plate with straight edges, its weight given as a marker's), scan both together, "
     "and plan again"
 )
 """Remedy for objects without usable edges."""
+UPRIGHT_FOOT = (
+    "glue it upright on a foot (a flat plate with straight edges, its weight given as a marker's, half as "
+    "wide as the object is then high), tags on all sides, scan both together, and plan again"
+)
+"""Remedy for objects too flat or too wide for their height, and with edges that land before balance."""
+REMEDIES = {
+    unscanned.CODE: f"the gaps of the scan leave no usable edge: {unscanned.REMEDY}",
+    "no_marker": "glue markers to the faces square to the edges",
+    "tag_small": "print larger tags (a card may jut out over a narrow face), or bring the camera nearer",
+    "out_of_image": (
+        "move or turn the camera (camera.calibration in the rig file), or glue the tags where it sees the "
+        "whole tip"
+    ),
+    "hidden": "glue the tags where no part of the object stands before them",
+    "slips": "use a mat with more friction",
+    "speed": "change the striker's effective mass or its speed limits (rig file)",
+    "impact_unreachable": (
+        "glue on an upright plate that the striker can meet, its weight given as a marker's, and scan both "
+        "together"
+    ),
+}
+"""Remedies by rejection code that make the rejected axes usable, the easiest first."""
+RESHAPED_CODES = frozenset({next_edge.CODE, "lifts", "too_steep"})
+"""Codes of axes that only another shape makes usable: `UPRIGHT_FOOT`."""
+MAX_MAT_FRICTION = 1.0
+"""Largest friction coefficient that a mat gives."""
 
 
 def refusal_message(
@@ -64,8 +70,12 @@ def refusal_message(
     stable: Sequence[RestingPlane],
     candidates: Sequence[Candidate],
     rejected: Sequence[Rejection],
+    normals: Mapping[str, Array],
 ) -> str:
     """One-line message why no plan can be made: state of the object, reasons of the rejections, remedy.
+
+    The remedy makes so many of the rejected axes usable that they determine the centre of mass; if none does,
+    it gives the object other edges.
 
     Args:
         model: Shape of the object.
@@ -73,6 +83,8 @@ def refusal_message(
         stable: Resting planes that are planned on.
         candidates: Usable axes.
         rejected: Rejected axes and faces.
+        normals: By axis, unit normal (3,) of the plane through pivot line and expected centre of mass, in the
+            object frame.
     """
     axes = [rejection for rejection in rejected if rejection.code not in ("unstable_plane", "flank")]
     counts = Counter(rejection.code for rejection in axes)
@@ -91,10 +103,49 @@ def refusal_message(
         reasons = f"{len(axes)} {tried} rejected: {rejection_summary(axes)}"
     else:
         reasons = f"rejected: {_shape_message(model, planes, stable, 0)}"
-    unseen = [code for code, _ in counts.most_common() if code in VISIBILITY_CODES][:1]
-    in_the_way = {*unseen, *(code for code in counts if code not in VISIBILITY_CODES)}
-    remedy = next((text for code, text in REMEDIES.items() if code in in_the_way), FOOT)
-    return f"{model.name}: {state}; {reasons}: {remedy}"
+    return f"{model.name}: {state}; {reasons}: {_remedy(candidates, axes, normals)}"
+
+
+def _remedy(
+    candidates: Sequence[Candidate], rejected: Sequence[Rejection], normals: Mapping[str, Array]
+) -> str:
+    """Remedy that leads to a plan: the easiest that suffices alone, else the easiest that suffice together.
+
+    Args:
+        candidates: Usable axes.
+        rejected: Rejected axes.
+        normals: By axis, unit normal (3,) of its plane through the expected centre of mass.
+    """
+    codes = {each.code for each in rejected}
+    if unscanned.CODE in codes:
+        return REMEDIES[unscanned.CODE]
+    usable = [each.normal for each in candidates]
+    curable = [each for each in rejected if each.axis_id in normals and _is_curable(each)]
+    order = [code for code in REMEDIES if any(each.code == code for each in curable)]
+    together = [tuple(order[: many + 1]) for many in range(1, len(order))]
+    for tried in [*((code,) for code in order), *together]:
+        rows = usable + [normals[each.axis_id] for each in curable if each.code in tried]
+        if normal_spread(np.array(rows)) >= MIN_NORMAL_SPREAD:
+            return ", and ".join(REMEDIES[code] for code in tried)
+    return UPRIGHT_FOOT if codes & RESHAPED_CODES else FOOT
+
+
+def _is_curable(rejection: Rejection) -> bool:
+    """True if a remedy in `REMEDIES` makes the rejected axis usable."""
+    if rejection.code == "slips":
+        return rejection.number is not None and rejection.number <= MAX_MAT_FRICTION
+    return rejection.code in REMEDIES
+
+
+def axis_normals(axes: Sequence[PivotAxis], com: Array) -> dict[str, Array]:
+    """Unit normals (3,) of the planes through pivot line and expected centre of mass, by the axes' ids.
+
+    Args:
+        axes: Pivot axes.
+        com: (3,) expected centre of mass [m], in the object frame.
+    """
+    across = {axis.id: np.cross(axis.direction, com - axis.point) for axis in axes}
+    return {name: normal / np.linalg.norm(normal) for name, normal in across.items()}
 
 
 def _shape_message(

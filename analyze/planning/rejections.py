@@ -20,7 +20,7 @@ _REASONS = {
         float(np.degrees(1.0)),
         0,
     ),
-    "impact_unreachable": ("out of the striker's reach", "", "", 1.0, 0),
+    "impact_unreachable": ("without a place that the striker can meet", "", "", 1.0, 0),
     "speed": ("at another speed than the striker's", "needed", " m/s", 1.0, 2),
     "no_marker": ("without a tag that faces along them", "best is off by", " deg", float(np.degrees(1.0)), 0),
     "tag_small": ("with a tag too small in the image", "", " px", 1.0, 0),
@@ -38,7 +38,7 @@ A number without meaning and unit is left out."""
 def rejection_summary(rejected: Sequence[Rejection]) -> str:
     """One-line summary of rejected pivot axes and resting faces by reason, most frequent reason first.
 
-    For example "7 slipping (friction needed 0.62 to 1.30), 5 out of the striker's reach"; empty without
+    For example "7 slipping (friction needed 0.62 to 1.30), 5 lifting off before balance"; empty without
     rejections.
     """
     by_code: dict[str, list[Rejection]] = {}

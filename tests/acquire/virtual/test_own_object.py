@@ -17,6 +17,7 @@ from acquire.virtual.convex_parts import convex_parts, few_corners
 from acquire.virtual.mesh_samples import sample_mesh
 from acquire.virtual.object_archive import open_object, save_object
 from acquire.virtual.own_object import OwnObject, read_own_object
+from acquire.virtual.primitive_meshes import box_mesh
 from acquire.virtual.render import Renderer
 from acquire.virtual.station import DISTANCE_M, station
 from acquire.virtual.tag_places import tag_places
@@ -244,3 +245,25 @@ def test_binary_stl_of_analyze_is_what_the_rig_reads(tmp_path: Path) -> None:
     data = (tmp_path / "run" / "exterior.stl").read_bytes()
     assert struct.unpack_from("<I", data, 80) == (12,)
     assert np.ptp(thing.virtual.mesh_vertices, axis=0) == pytest.approx([0.08, 0.06, 0.12])
+
+
+def test_card_of_a_legible_tag_juts_out_over_a_narrow_side() -> None:
+    """On the sides of a plank only tags of 12 mm lie flat: 17 px at the camera's distance, 60 are needed."""
+    vertices, faces = box_mesh(np.array([0.15, 0.04, 0.0075]))
+    flat = {place.size_m for place in tag_places(vertices[faces], 0.05)}
+    assert flat == {0.05, 0.012}
+    legible = tag_places(vertices[faces], 0.05, 0.045)
+    assert [place.size_m for place in legible] == [0.05] * 6
+    inner = (
+        np.abs([place.T_object_marker[:3, 3] for place in legible]) <= np.array([0.15, 0.04, 0.0075]) + 1e-9
+    )
+    assert inner.all()
+
+
+def test_card_does_not_jut_out_where_a_part_stands_before_it() -> None:
+    """A step 30 mm high beside a narrow ledge leaves no room for the card."""
+    low_v, low_f = box_mesh(np.array([0.1, 0.1, 0.05]))
+    high_v, high_f = box_mesh(np.array([0.1, 0.088, 0.08]))
+    triangles = np.concatenate([low_v[low_f], high_v[high_f]])
+    top = [place for place in tag_places(triangles, 0.05, 0.05) if place.T_object_marker[2, 2] > 0.9]
+    assert all(abs(place.T_object_marker[2, 3] - 0.08) < 1e-9 for place in top)

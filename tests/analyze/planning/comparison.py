@@ -124,7 +124,7 @@ def _ours(
     found = design.choose_design(Information(known, prepared.information.belief, NO_SHARED_ERRORS), STRIKES)
     if found is None:
         return Outcome(
-            refusal_message(prepared.model, prepared.planes, prepared.stable, known, prepared.rejected)
+            refusal_message(prepared.model, prepared.planes, prepared.stable, known, prepared.rejected, {})
         )
     return outcome(body, [known[i].axis for i in found.chosen], found.repeats, draws, rng)
 

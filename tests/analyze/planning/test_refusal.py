@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from analyze.errors import PlanError
 from analyze.geometry.object_model import load_object_model
+from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
+from analyze.planning.plan import PlanRequest, plan_strikes
+from analyze.planning.prepared import prepare_object
 from analyze.planning.rejections import rejection_summary
+from analyze.planning.view import default_camera
 from schemas.strike_plan import Rejection
-from tests.analyze.geometry.shapes import spec_of, stl
+from tests.analyze.geometry.shapes import box_triangles, spec_of, stl
 from tests.analyze.planning.planned import make_plan
 from tests.analyze.planning.random_bodies import FAR_TAG, convex_triangles, spec_for
 
@@ -25,7 +30,7 @@ def refusal(points, **more) -> str:
         make_plan(model, spec, "", StrikerModel(fastest_m_s=5.0), friction=2.0, **more)
     line = str(caught.value)
     assert "\n" not in line
-    assert len(line) < 400
+    assert len(line) < 500
     return line
 
 
@@ -80,7 +85,7 @@ def test_bar_with_pointed_ends_leaves_one_direction_unknown():
     line = refusal(bar)
     assert "leave the centre of mass unknown along (0.00, 0.00, 1.00)" in line
     assert re.search(
-        r"\d+ axes rejected: \d+ too steep \(balance after 75 deg\): stand it on a smaller face", line
+        r"\d+ axes rejected: \d+ too steep \(balance after 75 deg\): glue it upright on a foot", line
     )
 
 
@@ -103,7 +108,7 @@ def test_reach_of_the_striker_is_reported():
     model = load_object_model(spec, None, "")
     with pytest.raises(
         PlanError,
-        match=r"no axis can be used; [0-9]+ axes rejected: .*[0-9]+ out of the striker's reach.*: glue",
+        match=r"no axis can be used; \d+ axes .*\d+ without a place that the striker can meet.*: glue",
     ):
         make_plan(model, spec, "", StrikerModel(lowest_m=0.3, highest_m=0.4), friction=2.0)
 
@@ -127,7 +132,7 @@ def test_summary_of_rejections():
         return [Rejection(axis_id=f"a{i}", code=code, number=number) for i, number in enumerate(numbers)]
 
     assert rejection_summary(some("slips", 0.9, 1.4, None) + some("impact_unreachable", None, None)) == (
-        "3 slipping (friction needed 0.90 to 1.40), 2 out of the striker's reach"
+        "3 slipping (friction needed 0.90 to 1.40), 2 without a place that the striker can meet"
     )
     assert rejection_summary(some("tag_small", 40.2)) == "1 with a tag too small in the image (40 px)"
     assert rejection_summary(some("lifts", -0.2)) == "1 lifting off before balance"
@@ -136,3 +141,124 @@ def test_summary_of_rejections():
         == "2 too steep (balance after 52 to 61 deg)"
     )
     assert rejection_summary(some("something_new", 1.0)) == "1 something new"
+
+
+def sides(size, centre, edge=0.03, only=("+x", "-x", "+y", "-y")):
+    """Markers [m] in the middle of the upright sides of a box (size, centre) [mm]."""
+    markers = []
+    for number, side in enumerate(only):
+        axis, sign = "xyz".index(side[1]), 1.0 if side[0] == "+" else -1.0
+        z = sign * np.eye(3)[axis]
+        y = np.eye(3)[2 if axis < 2 else 1]
+        pose = np.eye(4)
+        pose[:3, :3] = np.stack([np.cross(y, z), y, z], axis=1)
+        pose[:3, 3] = 0.001 * (np.array(centre) + z * np.array(size) / 2)
+        markers.append({"id": number, "size_m": edge, "T_object_marker": pose.tolist()})
+    return markers
+
+
+def attempt(triangles, markers, back_m=0.55, **more):
+    """Plan of a body of triangles [mm], or the refusal's line; the camera stands `back_m` from the edge."""
+    spec = spec_for(triangles, markers)
+    model = load_object_model(spec, stl(triangles), "b.stl")
+    nominal = default_camera()
+    pose = nominal.T_world_camera.copy()
+    pose[:3, 3] *= back_m / 0.55
+    bench = Bench(
+        more.pop("striker", StrikerModel(fastest_m_s=5.0)),
+        replace(nominal, T_world_camera=pose, **more.pop("camera", {})),
+        more.pop("friction", 0.6),
+    )
+    try:
+        return plan_strikes(prepare_object(model, spec, bench), "", PlanRequest())
+    except PlanError as error:
+        return str(error)
+
+
+def disc(height=0.0):
+    """Disc of 200 mm, 20 mm thick, upright: its axis along y."""
+    turn = np.linspace(0, 2 * np.pi, 72, endpoint=False)
+    rim = [np.array([100 * np.cos(turn), 0 * turn + y, 100 * np.sin(turn) + height]).T for y in (-10, 10)]
+    return convex_triangles(np.concatenate(rim))
+
+
+BOX = box_triangles(np.array([80.0, 60.0, 150.0]))
+EVERY = ("+x", "-x", "+y", "-y", "+z", "-z")
+PLANK = box_triangles(np.array([300.0, 80.0, 15.0]))
+BOX_SIDES = sides((80, 60, 150), (0, 0, 0))
+FRUSTUM = convex_triangles(
+    np.array([[x * r, y * r, z] for x in (-1, 1) for y in (-1, 1) for r, z in ((45, 0.0), (12, 80.0))])
+)
+LENS = convex_triangles(sphere(600, 1.0) * [60.0, 60.0, 35.0])
+LENS_FOOT = box_triangles(np.array([40.0, 40.0, 6.0]), (0, 0, -33))
+UPRIGHT_LENS_FOOT = box_triangles(np.array([20.0, 70.0, 70.0]), (-60, 0, 0))
+PLATES = [
+    box_triangles(np.array(size), at)
+    for s in (-1, 1)
+    for size, at in (((30.0, 20.0, 60.0), (s * 30, 0, 30.0)), ((20.0, 30.0, 60.0), (0, s * 30, 30.0)))
+]
+
+
+@pytest.mark.parametrize(
+    ("remedy", "refused", "mended"),
+    [
+        (
+            "glue it upright on a foot",
+            {"triangles": disc(), "markers": sides((200, 20, 200), (0, 0, 0)), "back_m": 0.9},
+            {
+                "triangles": np.concatenate(
+                    [disc(102.0), box_triangles(np.array([100.0, 100.0, 10.0]), (0, 0, 0))]
+                ),
+                "markers": sides((196, 20, 200), (0, 0, 102), 0.05),
+                "back_m": 1.0,
+            },
+        ),
+        (
+            "a card may jut out over a narrow face",
+            {"triangles": PLANK, "markers": sides((300, 80, 15), (0, 0, 0), 0.012, EVERY), "back_m": 1.0},
+            {"triangles": PLANK, "markers": sides((300, 80, 15), (0, 0, 0), 0.06, EVERY), "back_m": 1.0},
+        ),
+        (
+            "print larger tags",
+            {"triangles": BOX, "markers": sides((80, 60, 150), (0, 0, 0), 0.01)},
+            {"triangles": BOX, "markers": BOX_SIDES},
+        ),
+        (
+            "glue markers to the faces square to the edges",
+            {"triangles": BOX, "markers": sides((80, 60, 150), (0, 0, 0), 0.03, ["+z"])},
+            {"triangles": BOX, "markers": sides((80, 60, 150), (0, 0, 0), 0.03, ["+x", "-x", "+y", "-y"])},
+        ),
+        (
+            "move or turn the camera",
+            {"triangles": BOX, "markers": BOX_SIDES, "camera": {"width": 200, "height": 150}},
+            {"triangles": BOX, "markers": BOX_SIDES},
+        ),
+        (
+            "a mat with more friction",
+            {"triangles": BOX, "markers": BOX_SIDES, "friction": 0.02},
+            {"triangles": BOX, "markers": BOX_SIDES},
+        ),
+        (
+            "the striker's effective mass or its speed limits",
+            {"triangles": BOX, "markers": BOX_SIDES, "striker": StrikerModel(fastest_m_s=0.1)},
+            {"triangles": BOX, "markers": BOX_SIDES},
+        ),
+        (
+            "glue on an upright plate",
+            {"triangles": FRUSTUM, "markers": [FAR_TAG]},
+            {"triangles": np.concatenate([FRUSTUM, *PLATES]), "markers": [FAR_TAG]},
+        ),
+        (
+            "glue it upright on a foot",
+            {"triangles": np.concatenate([LENS, LENS_FOOT]), "markers": [FAR_TAG]},
+            {"triangles": np.concatenate([LENS, UPRIGHT_LENS_FOOT]), "markers": [FAR_TAG]},
+        ),
+    ],
+)
+def test_the_stated_remedy_leads_to_a_plan(remedy, refused, mended):
+    line = attempt(**refused)
+    assert isinstance(line, str), "not refused"
+    assert line.endswith(remedy) or remedy in line.rpartition(" rejected: ")[2], line
+    found = attempt(**mended)
+    assert not isinstance(found, str), found
+    assert found.predicted_com_sd_m < 0.005
