@@ -165,6 +165,12 @@ def renamed_documents(base: type[RenamedDocument] = RenamedDocument) -> list[typ
     return [base, *(one for direct in base.__subclasses__() for one in renamed_documents(direct))]
 
 
+@pytest.mark.parametrize("page", PAGES, ids=ids)
+def test_tables_begin_with_a_head(page: Path):
+    blocks = re.findall(r"(?m)(?:^\|.*\n?)+", prose_of(page))
+    assert not [block[:80] for block in blocks if not re.match(r"\|.*\n\|[ :|-]+\n", block)]
+
+
 def test_the_table_of_renamed_keys_names_every_document_that_has_some():
     importlib.import_module("schemas.result")  # it defines the documents
     page = text_of(DOCS / "reference" / "renamed-keys.md")

@@ -151,8 +151,10 @@ def ros_header(stamp_ns):
 
 
 def lens(intrinsics):
-    """Entries K and D of the calibration messages; without distortion where K is given."""
-    return {"K": K, "D": D} if intrinsics is None else {"K": intrinsics, "D": [0.0] * 5}
+    """Entries K and D of the calibration messages: the file's own, or given as K's nine and then D's five."""
+    if intrinsics is None:
+        return {"K": K, "D": D}
+    return {"K": intrinsics[:9], "D": intrinsics[9:] or [0.0] * 5}
 
 
 def camera_info(header, width, height, intrinsics=None):
