@@ -219,6 +219,23 @@ def interval_range(times_ns: NDArray[np.int64]) -> tuple[float, float]:
     return float(usual.min()), float(usual.max())
 
 
+def time_scatter(times_ns: NDArray[np.int64]) -> tuple[float, float]:
+    """Scatter (robust 1 sigma) of frame times about a smooth pace, and the usual frame interval [ns].
+
+    Missing frames do not count, as whole intervals are taken off before `time_sd_ns`. Both are 0 for fewer
+    than `RECENT_INTERVALS` frames.
+
+    Args:
+        times_ns: (n,) times of all frames [ns], increasing.
+    """
+    if len(times_ns) < RECENT_INTERVALS:
+        return 0.0, 0.0
+    gaps = np.diff(times_ns)
+    interval = max(float(np.median(gaps)), 1.0)
+    uneven = np.cumsum(gaps - interval * np.round(gaps / interval))
+    return float(time_sd_ns([round(each) for each in uneven])), interval
+
+
 @dataclass
 class MissingFrames:
     """Counter of missing frames, from gaps between the frame times given to its methods.

@@ -24,7 +24,7 @@ from analyze.errors import ImportRefused
 from analyze.reading.annex_b import VideoFormat
 from analyze.reading.compressed_video import grey_image
 from analyze.sources.access_units import AccessUnits, has_lengths
-from analyze.sources.frame_timing import FrameTiming, frame_timing, interval_range
+from analyze.sources.frame_timing import FrameTiming, frame_timing, interval_range, time_scatter
 from analyze.sources.image_file import image_file
 from analyze.sources.picture_numbers import CodedPictures
 from analyze.sources.source import TimedFile, TimedImage
@@ -45,6 +45,8 @@ KEPT_CODECS = {"h264": VideoFormat.H264, "hevc": VideoFormat.H265}
 """codecs, by FFmpeg's name, whose pictures can be stored as coded"""
 EXAMINED_FRAMES = 1000
 """number of first frames from which the timing is determined"""
+MAX_TIME_SCATTER = 0.05
+"""scatter of frame times, relative to their interval, above which it is reported"""
 MIN_RATE_JUMP = 2.5
 """ratio of two frame rates in a video above which the change is not a phone's reaction to the light"""
 MIN_SLOW_FACTOR = 1.2
@@ -226,7 +228,7 @@ class VideoSource:
             self._note_count(seen, last_ns)
 
     def check_constant_rate(self, times_ns: NDArray[np.int64]) -> None:
-        """Add a remark if the frame rate changes by a factor of `MIN_RATE_JUMP` or more within the video.
+        """Add remarks if frame times scatter, or the frame rate changes by a factor of `MIN_RATE_JUMP`.
 
         Args:
             times_ns: (n,) times of all frames [ns], increasing.
@@ -235,6 +237,13 @@ class VideoSource:
             ImportRefused: the rate changes and the video is slow motion, which one capture rate cannot
                 correct.
         """
+        scatter, interval = time_scatter(times_ns)
+        if scatter > max(MAX_TIME_SCATTER * interval, 2 * self.time_sd_ns):
+            self._remarks["time_scatter"] = (
+                f"{self.name}: its frame times scatter by {scatter * 1e-6:.2g} ms, {scatter / interval:.0%} "
+                "of their interval, so that motions look jerky: import the video as the camera recorded it, "
+                "not converted or shared"
+            )
         shortest, longest = interval_range(times_ns)
         if longest < MIN_RATE_JUMP * shortest or not shortest:
             return

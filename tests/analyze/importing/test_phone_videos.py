@@ -73,6 +73,18 @@ def test_slowed_part_is_reported_without_a_capture_rate(tmp_path):
         )
 
 
+def test_frame_times_that_scatter_are_reported(tmp_path):
+    random = np.random.default_rng(2)
+    steps = np.arange(len(tip())) * STEP_US
+    uneven = [round(each) for each in steps + 1000 + np.clip(random.normal(0, 900, len(steps)), -3000, 3000)]
+    path = write_video(tmp_path / "a.mp4", tip(), uneven)
+    with prepare(ImportOptions((path,), *setting(tmp_path))) as prepared:
+        assert any("a.mp4: its frame times scatter by " in remark for remark in prepared.remarks())
+    even = write_video(tmp_path / "b.mp4", tip())
+    with prepare(ImportOptions((even,), *setting(tmp_path))) as prepared:
+        assert not any("scatter" in remark for remark in prepared.remarks())
+
+
 def test_low_frame_rate_asks_for_capture_fps_and_equal_remarks_appear_once(tmp_path):
     paths = [
         write_video(tmp_path / f"s{number}.mp4", tip(), played(tip()), turned=180) for number in (1, 2, 3)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from analyze.motion.free_motion import frame_noise
-from analyze.sources.frame_timing import frame_timing, usual_interval
+from analyze.sources.frame_timing import frame_timing, time_scatter, usual_interval
 
 
 @pytest.mark.parametrize(
@@ -30,3 +30,13 @@ def test_timing_from_three_frames():
 def test_noise_of_two_frames_is_nan():
     assert math.isnan(frame_noise(np.zeros(2)))
     assert frame_noise(np.array([0.0, 1.0, 0.0])) > 0
+
+
+@pytest.mark.parametrize("jitter_ns", [0.0, 1e5, 6e5])
+def test_scatter_of_frame_times_is_measured_beside_lost_frames_and_a_drifting_rate(jitter_ns):
+    random = np.random.default_rng(4)
+    number = np.sort(random.permutation(1000)[:800])
+    times = 1e9 / 240 * (number + 2e-5 * number**2) + jitter_ns * random.standard_normal(800)
+    scatter, interval = time_scatter(times.astype(np.int64))
+    assert interval == pytest.approx(1e9 / 240, rel=0.1)
+    assert scatter == pytest.approx(jitter_ns, rel=0.2, abs=0.05e6)
