@@ -142,7 +142,11 @@ def _known_keys(table: Path, model: type[BaseModel]) -> str:
 
 
 def _remedy(loc: Path, model: type[BaseModel]) -> str:
-    """TOML text that adds the missing key at path `loc`, with the key's description if it has one."""
+    """Words for an error message that show how to write the key at path `loc`: "size_m = ... in [shape.box]".
+
+    A table is shown by its header, as "[shape]" or "[[marker]]". The key's description, if it has one,
+    follows in brackets.
+    """
     field = _field_at(model, loc)
     name, table = str(loc[-1]), loc[:-1]
     inner = None if field is None else _model_of(field.annotation)

@@ -28,8 +28,9 @@ class StrikeFit:
     """Fitted motion of one strike: balance angle phi, rate constant k, tipping angle theta(t) since rest.
 
     It names the estimator and holds standard deviations, times [s] and residuals too. The estimator pivot_fit
-    fits theta'' = -k sin(phi - theta), with k in rad/s^2; rolling_fit and moment_balance add terms for a
-    contact that rolls, slides or lifts; sign_change gives phi only and fits no curve.
+    fits theta'' = -k sin(phi - theta), with k in rad/s^2 and small terms for the rolling of a rounded edge;
+    rolling_fit and moment_balance add terms for a contact that rolls on a rim, slides or lifts; sign_change
+    gives phi only and fits no curve.
     """
 
     estimator: str

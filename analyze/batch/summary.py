@@ -131,7 +131,7 @@ def summarise(rows: pa.Table) -> Summary:
     Returns:
         Number of recordings with results; the objects with their numbers of sessions and strikes; for each
         quantity of each object, its sd from session to session and its drift (change per day over the
-        sessions); and the failures by kind.
+        sessions), in the unit named with it (mm, 10^-6 kg m^2 or g); and the failures by kind.
     """
     listed = rows.to_pylist()
     good = [row for row in listed if row["status"] == "ok"]

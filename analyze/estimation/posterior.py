@@ -67,9 +67,10 @@ class Posterior:
 
     @property
     def distances(self) -> slice:
-        """Slice of all quantities: distance R of the centre of mass from the pivot, per strike.
+        """Slice that selects, among all quantities, the distance R of each strike.
 
-        R is counted from the centre line of the pivot edge's rounding.
+        R is the distance [m] of the centre of mass from the pivot, counted from the centre line of the
+        pivot edge's rounding.
         """
         return slice(FIRST_STRIKE_QUANTITY, FIRST_STRIKE_QUANTITY + self.strikes)
 

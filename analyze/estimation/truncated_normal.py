@@ -126,8 +126,9 @@ class ShareDistribution:
     def _log_parts(self) -> Array:
         """Log (3, b) of the unnormalised probability of three cases, for each of b distributions.
 
-        A distribution is one of three shares of a whole. The cases are, in this order: no share is 0, the
-        second is 0, the third is 0. The probability is the integral of prior times likelihood over the case.
+        Each distribution is over three shares of a whole, which add up to 1. The cases are, in this order: no
+        share is 0, the second is 0, the third is 0. The probability is the integral of
+        prior times likelihood over the case.
         """
         top = self.log_density.max(axis=1)
         step = self.places[:, 1] - self.places[:, 0]

@@ -57,7 +57,7 @@ def camera_pose_from_strike(
 
     Args:
         view: the object at rest in the camera's view.
-        camera: lens of the camera; its pose is not used.
+        camera: model of the same camera; neither its lens nor its pose changes the result.
         planned: planned strike with the object's resting pose and its heading (rotation about the vertical).
         strike_id: id of the strike in the recording, copied to the result.
     """

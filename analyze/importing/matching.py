@@ -102,7 +102,7 @@ class Placement:
 
 @dataclass(frozen=True)
 class Match:
-    """Placement of the plan that a tip shows, or the reason why it shows none of the plan."""
+    """Placement of the plan that a tip shows; without one, why it shows none or why it is not known which."""
 
     placement: Placement | None
     """the placement; None if it is not determined"""

@@ -94,7 +94,7 @@ class PredictedMotion:
 
     @property
     def outside(self) -> float:
-        """Share (0 to 1) of frames whose angle is off the prediction by more than 1.96 sd (0.05 expected)."""
+        """Share (0 to 1) of predicted frames whose angle is over 1.96 sd off (0.05 expected)."""
         return float(np.mean(np.abs(self.offset[self.start :]) > SIGMAS_95 * self.sd[self.start :]))
 
 

@@ -61,10 +61,11 @@ def strain_modes(theta: Array, strain_sd: float) -> Array:
 def with_slow_error(fit: MotionFit, motion: PlanarMotion, rolls: bool, radius: float) -> MotionFit:
     """Copy of a strike's fit whose covariance includes errors of theta that change slowly with theta.
 
-    theta is the tipping angle. The error is a Gaussian process over theta with the correlation
-    exp(-d^2 / 2 L^2) at a difference d, where L is `CORRELATION_RAD`, and the effect of the image's strain
-    (see `strain_modes`). Its effect on phi and k is that on a pendulum fitted to the same frames, also for
-    fits that follow the motion of the edge.
+    theta is the tipping angle. Two errors are included: a Gaussian process over theta with the sd
+    `slow_error_sd` [rad] and the correlation exp(-d^2 / 2 L^2) at a difference d, where L is
+    `CORRELATION_RAD`; and that of the image's strain (a small stretch of the image in one direction, which an
+    imperfect camera calibration leaves; see `strain_modes`). Their effect on phi and k is that on a pendulum
+    fitted to the same frames, also for fits that follow the motion of the edge.
 
     Args:
         fit: balance angle phi [rad] and rate constant k [rad/s^2] of theta'' = -k sin(phi - theta).

@@ -122,7 +122,9 @@ def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
     """Merge the evidence (fitted strikes) of recordings of one object; their order does not matter.
 
     Edges are identified by direction, resting face and place: an edge that two plans share gets one id,
-    different edges get different ids. Object, shape and labels are the first recording's by start time.
+    different edges get different ids. A planned strike that an earlier recording's plan holds too, unchanged
+    and under the same id, is one planned strike: struck in either recording, it is not missing.
+    Object, shape and labels are the first recording's by start time.
 
     Args:
         evidence: one per recording, at least one.
@@ -147,19 +149,21 @@ def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
         }
 
     first = ordered[0]
+    planned: list[tuple[PlannedStrike, str]] = []
     strikes: list[PlannedStrike] = []
     motions: list[TipMotion] = []
     recorded_in: dict[str, int] = {}
     for i, (each, ids) in enumerate(zip(ordered, merged_axis_ids(ordered), strict=True)):
-        strikes += [
-            strike.model_copy(update={"id": merged_id(heads, i, strike.id), "axis_id": ids[strike.axis_id]})
-            for strike in each.plan.strikes
-        ]
+        plan_ids: dict[str, str] = {}
+        for strike in each.plan.strikes:
+            known = next((name for other, name in planned if other == strike), None)
+            plan_ids[strike.id] = name = known or merged_id(heads, i, strike.id)
+            if known is None:
+                planned.append((strike, name))
+                strikes.append(strike.model_copy(update={"id": name, "axis_id": ids[strike.axis_id]}))
         for motion in each.motions:
             name = merged_id(heads, i, motion.strike_id)
-            motions.append(
-                replace(motion, strike_id=name, plan_strike_id=merged_id(heads, i, motion.plan_strike_id))
-            )
+            motions.append(replace(motion, strike_id=name, plan_strike_id=plan_ids[motion.plan_strike_id]))
             recorded_in[name] = i
     return replace(
         first,

@@ -107,7 +107,7 @@ def best_turnable(turnables: Sequence[TurnableAxis], chosen: Collection[int]) ->
     axes is in `chosen`, it is the most precise of all.
 
     Args:
-        turnables: Axes in order of precision, at least one.
+        turnables: Axes, the most precise first; at least one.
         chosen: Indices among the usable axes.
     """
     return next((each for each in turnables if each.index in chosen), turnables[0])

@@ -417,10 +417,10 @@ class Problem:
         return np.concatenate(columns), J, own.reshape(F, M * 8, PER_FRAME), residual.reshape(F, M * 8)
 
     def _drop_outliers(self, u: Unknowns) -> bool:
-        """Leave out single tipping frames whose corners were misread; return True if there were any.
+        """Leave out markers misread in single tipping frames; return True if there were any.
 
-        A marker in a frame is left out if its chi^2 is over 25 times the median one of the strike (taken as
-        at least 1); it then counts as not seen in later fits.
+        A marker in a frame is left out if the mean square of its 8 residuals (corner coordinates, in sd) is
+        over 25 times the strike's median one (taken as at least 1); later fits count it as not seen.
         """
         dropped = False
         for s in range(len(self._views)):

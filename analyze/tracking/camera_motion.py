@@ -49,7 +49,8 @@ def camera_shift(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> CameraS
         after: (height, width) grey values of the later image, of the same size.
 
     Returns:
-        The shift if the background moved as a whole; None if it stayed, or shows too little for an answer.
+        Root mean square shift [px of the images given] and rotation [rad] of the background in the image, if
+        it moved as a whole; None if it stayed, or shows too little for an answer.
     """
     scale = max(1.0, max(before.shape) / SEARCHED_PX)
     first, second = (_reduced(image, scale) for image in (before, after))

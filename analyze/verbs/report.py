@@ -107,10 +107,10 @@ class _Page:
 def _answer(
     files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...], no_cache: bool
 ) -> _Page:
-    """Report on the estimate from all recordings together, as functions that write it in one format each.
+    """Report on the estimate from all recordings together, as three functions.
 
-    The formats are an HTML page, CSV tables and JSON. If all recordings are virtual, the HTML and JSON
-    contain the errors against their ground truth.
+    One writes the HTML page to a path, one returns its tables for CSV files, one returns JSON text. If all
+    recordings are virtual, the HTML and JSON contain the errors against their ground truth.
     """
     # The code's version is read before the code is loaded.
     cache = chosen_cache(no_cache)

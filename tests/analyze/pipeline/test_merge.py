@@ -20,7 +20,7 @@ from analyze.pipeline.merge import by_start_time, levelling_indices, merge_evide
 from analyze.report.report import render_report
 from analyze.result.answer import answer_evidence
 from schemas.document import canonical_json, sha256_text
-from schemas.result import Result
+from schemas.result import Result, WarningCode
 from tests.analyze.pipeline.merged_sessions import (
     com_of,
     part,
@@ -42,6 +42,19 @@ def test_two_halves_give_the_answer_of_the_whole(whole, one, joint):
         joint.estimate.distribution.masses, one.estimate.distribution.masses, rtol=0, atol=1e-8
     )
     assert [each.axis_id for each in joint.result.moments] == [each.axis_id for each in one.result.moments]
+
+
+def test_a_strike_of_one_plan_may_be_struck_in_either_recording(halves, joint):
+    """Two recordings that together hold every strike of their plan are complete."""
+    (half, _) = halves
+    codes = [warning.code for warning in answer_evidence(half).result.warnings]
+    assert WarningCode.RECORDING_INCOMPLETE in codes
+    assert WarningCode.RECORDING_INCOMPLETE not in [warning.code for warning in joint.result.warnings]
+    plan = joint.estimate.evidence.plan
+    assert len(plan.strikes) == len(half.plan.strikes)
+    assert {motion.plan_strike_id for motion in joint.estimate.evidence.motions} == {
+        strike.id for strike in plan.strikes
+    }
 
 
 def test_order_of_the_files_does_not_change_the_bytes(halves, joint):
@@ -177,9 +190,9 @@ def test_edge_with_another_id_is_recognised(halves, joint):
     }
     found = merge_evidence((halves[0], renamed(halves[1], names, along=0.01)))
     assert np.allclose(com_of(found).covariance, com_of(joint.estimate.evidence).covariance, rtol=1e-6)
-    assert [strike.axis_id for strike in found.plan.strikes] == [
+    assert {strike.axis_id for strike in found.plan.strikes} == {
         strike.axis_id for strike in joint.estimate.evidence.plan.strikes
-    ]
+    }
 
 
 def test_same_id_for_two_edges_gives_two_axes(halves):
