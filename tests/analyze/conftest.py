@@ -46,3 +46,16 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("analyze.report.report.projection_figures", lambda *_: [None] * 3)
     monkeypatch.setattr("analyze.report.report.prediction_figures", lambda strikes: [None] * len(strikes))
     monkeypatch.setattr("analyze.report.report.figure_element", lambda _: Markup("<svg></svg>"))
+
+
+@pytest.fixture(scope="module")
+def coarse_regions() -> Iterator[None]:
+    """Estimate region masses coarsely, for tests of anything else: they take two thirds of an estimate.
+
+    Cells and random planes do not change the centre of mass, its moments or the checks of the strikes.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("analyze.pipeline.estimate.CELLS", 500)
+        patch.setattr("analyze.estimation.plane_chains.CHAINS", 50)
+        patch.setattr("analyze.estimation.plane_chains.RANDOM_SURFACES", 600)
+        yield

@@ -11,6 +11,8 @@ from click.testing import CliRunner
 from analyze.cli import main
 from tests.analyze.importing.tipped_boxes import BODY, images, strikes, write_videos
 
+pytestmark = pytest.mark.usefixtures("coarse_regions")
+
 RATE, STATED = 120, 15
 
 

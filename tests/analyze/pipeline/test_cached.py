@@ -31,6 +31,8 @@ from schemas.document import Document
 from schemas.strike_result import Verdict
 from tests.places import SAMPLE
 
+pytestmark = pytest.mark.usefixtures("coarse_regions")
+
 
 class Session:
     """Estimates of the sample and of its copies with one cache; the work that is done is counted.

@@ -20,6 +20,8 @@ from schemas.terminal import Terminal
 from tests.analyze.pipeline.merged_sessions import recording
 from tests.analyze.simulated_session import carton, session
 
+pytestmark = pytest.mark.usefixtures("coarse_regions")
+
 BODY = carton()
 
 

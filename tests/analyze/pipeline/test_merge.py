@@ -27,6 +27,8 @@ from tests.analyze.pipeline.merged_sessions import (
     recording,
 )
 
+pytestmark = pytest.mark.usefixtures("coarse_regions")
+
 
 def test_two_halves_give_the_answer_of_the_whole(whole, one, joint):
     assert [motion.strike_id.partition(":")[2] for motion in joint.estimate.evidence.motions] == [

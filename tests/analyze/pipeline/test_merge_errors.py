@@ -26,6 +26,8 @@ from tests.analyze.pipeline.merged_sessions import (
 )
 from tests.analyze.simulated_session import session
 
+pytestmark = pytest.mark.usefixtures("coarse_regions")
+
 CHI2_RUNS = 40
 CHI2_3 = (1.85, 4.35)
 """limits of the mean of 40 values of chi squared with 3 degrees of freedom: 3 - 3 and 3 + 3.5 standard

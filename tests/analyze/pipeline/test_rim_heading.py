@@ -5,6 +5,7 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
+import pytest
 
 from analyze.estimation.equiplane import equiplane_normal
 from analyze.estimation.joint import solve_joint
@@ -12,6 +13,8 @@ from analyze.estimation.joint_model import COM
 from analyze.estimation.priors import ComPrior, SystematicErrors
 from analyze.pipeline.rim_heading import CHECKED_HEADING_SD, HAND_HEADING_SD, with_heading_errors
 from analyze.types import EquiPlane
+
+pytestmark = pytest.mark.usefixtures("coarse_regions")
 
 RADIUS, HEIGHT = 0.035, 0.12
 COM_TRUE = np.array([0.009, -0.004, 0.01])

@@ -15,6 +15,8 @@ from schemas.object_spec import LengthUnit, Shape, object_sha256
 from schemas.result import WarningCode
 from tests.analyze.simulated_session import carton, session
 
+pytestmark = pytest.mark.usefixtures("coarse_regions")
+
 
 def with_stated(evidence: Evidence, sd: float | None) -> Evidence:
     shape = evidence.spec.shape.model_copy(update={"surface_sd_m": sd})

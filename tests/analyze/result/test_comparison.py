@@ -23,6 +23,8 @@ from tests.analyze.estimation.bodies import box_body
 from tests.analyze.pipeline.merged_sessions import recording
 from tests.analyze.simulated_session import carton, session
 
+pytestmark = pytest.mark.usefixtures("coarse_regions")
+
 OTHER = box_body((0.08, 0.06, 0.15), (0.026, 0.0125, 0.0055), 0.005, (0.5, -0.35, 0.79), 1e-3)
 """box like the carton of simulated_session.py, but with 1.5 g of the upper part below the dividing plane"""
 ELSEWHERE = {"rig": {"name": "another"}}
@@ -41,14 +43,6 @@ def one(number: int, body=None, **manifest: object):
     )
     head = plain.recordings[0].manifest
     return recording(struck, "r" * number, object=head.object, object_sha256=head.object_sha256, **manifest)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def coarse():
-    """Coarse cells for speed: they do not change the agreement of sessions."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("analyze.pipeline.estimate.CELLS", 500)
-        yield
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,8 @@ from analyze.cli import main as analyze
 from analyze.pipeline import cached
 from tests.places import SAMPLE
 
+pytestmark = pytest.mark.usefixtures("coarse_regions")
+
 
 def run(*arguments: object) -> Result:
     done = CliRunner().invoke(analyze, list(map(str, arguments)), catch_exceptions=False)
