@@ -53,54 +53,27 @@ def foxglove_layout(camera: str, recorded: Collection[str]) -> Entry:
     left = [(3, _panel("Image", "Camera", {"imageMode": mode}))]
     if topics.LOG.name in recorded:
         left.append((1, _panel("Log", "Log", {"topicToRender": topics.LOG.name})))
-    right = [(weight, panel) for weight, panel in _right_panels(camera, recorded) if panel is not None]
+    right = _right_panels(camera, recorded)
     columns = [(3, _split("column", left))] + ([(2, _split("column", right))] if right else [])
     return {"version": 1, "content": _split("row", columns)}
 
 
-def _right_panels(camera: str, recorded: Collection[str]) -> list[tuple[int, Entry | None]]:
-    meta = topics.frame_meta(camera).name
-    return [
-        (
-            2,
-            _curves(
-                "StateTransitions",
-                "Session and striker",
-                recorded,
-                [
-                    (topics.SESSION_STATE.name, "state", "session"),
-                    (topics.STRIKER_EVENT.name, "kind", "striker"),
-                ],
-            ),
-        ),
-        (
-            3,
-            _curves(
-                "Plot",
-                "Striker",
-                recorded,
-                [
-                    (topics.STRIKER_SAMPLE.name, "position_rad", "arm angle [rad], contact at 0"),
-                    (topics.STRIKER_SAMPLE.name, "velocity_rad_s", "arm speed [rad/s]"),
-                ],
-            ),
-        ),
-        (
-            2,
-            _curves(
-                "Plot",
-                "Camera",
-                recorded,
-                [(meta, "frames_lost_before", "frames lost"), (meta, "exposure_us", "exposure [us]")],
-            ),
-        ),
-        (
-            3,
-            _panel("RawMessages", "Strike", {"topicPath": topics.SESSION_STRIKE.name})
-            if topics.SESSION_STRIKE.name in recorded
-            else None,
-        ),
+def _right_panels(camera: str, recorded: Collection[str]) -> list[tuple[int, Entry]]:
+    sample, meta = topics.STRIKER_SAMPLE.name, topics.frame_meta(camera).name
+    states = [(topics.SESSION_STATE.name, "state", "session"), (topics.STRIKER_EVENT.name, "kind", "striker")]
+    arm = [
+        (sample, "position_rad", "arm angle [rad], contact at 0"),
+        (sample, "velocity_rad_s", "arm speed [rad/s]"),
     ]
+    frames = [(meta, "frames_lost_before", "frames lost"), (meta, "exposure_us", "exposure [us]")]
+    strike = topics.SESSION_STRIKE.name
+    panels = [
+        (2, _curves("StateTransitions", "Session and striker", recorded, states)),
+        (3, _curves("Plot", "Striker", recorded, arm)),
+        (2, _curves("Plot", "Camera", recorded, frames)),
+        (3, _panel("RawMessages", "Strike", {"topicPath": strike}) if strike in recorded else None),
+    ]
+    return [(weight, panel) for weight, panel in panels if panel is not None]
 
 
 def _curves(
