@@ -22,6 +22,7 @@ from click.testing import CliRunner
 from acquire.cli import main as acquire
 from acquire.clock.clock import SystemClock
 from acquire.daemon.client import DaemonClient, wait_for_socket
+from acquire.striker.base import StrikerState
 from acquire.virtual.gige_camera import VirtualGigeCamera
 from tests.acquire.striker.plant import Plant
 from tests.acquire.virtual.pattern_source import PatternSource
@@ -256,9 +257,10 @@ def test_a_session_that_ends_before_its_first_strike_leaves_no_file(
     )
     with DaemonClient(rig.socket("running")) as client:
         end = time.monotonic() + 15
-        while client.call("status")["recording"] is None and time.monotonic() < end:
+        # The arm is homed once the recording is open and the session knows of it.
+        while client.call("status")["striker"] != StrikerState.HOMED.value and time.monotonic() < end:
             time.sleep(0.05)
-        time.sleep(0.5)
+        assert client.call("status")["recording"] is not None
         process.send_signal(signal.SIGINT)
         # Before its input is closed, which would end the session with the exit code of a person who leaves.
         process.wait(60)

@@ -39,10 +39,11 @@ def test_a_kill_in_a_continuous_recording_costs_less_than_half_a_second(
     try:
         manifest = manifest_of_a_box()
         capture.open_recording(tmp_path / "a.mcap", manifest, [])
-        end = time.monotonic() + 1.4
-        while time.monotonic() < end:
+        begun, held_up_s = time.monotonic(), 0.0
+        while (before := time.monotonic()) < begun + 1.4:
             capture.write("/striker/sample", manifest.wall_anchor_ns + time.monotonic_ns(), b"\x18\x01")
             time.sleep(0.002)
+            held_up_s = max(held_up_s, time.monotonic() - before - 0.002)
         killed_ns = manifest.wall_anchor_ns + time.monotonic_ns()
         process.kill()
         with pytest.raises(RecorderError, match="acquire recover"):
@@ -53,7 +54,8 @@ def test_a_kill_in_a_continuous_recording_costs_less_than_half_a_second(
     parts = list(tmp_path.glob("*.part"))
     assert 1 <= len(parts) <= 2
     for number, part in enumerate(parts):
-        assert recover(part, tmp_path / f"recovered-{number}.mcap").has_manifest
+        if part.stat().st_size:  # empty for an instant after it was made
+            assert recover(part, tmp_path / f"recovered-{number}.mcap").has_manifest
         part.unlink()
     files = [
         read(path) for path in sorted(tmp_path.iterdir())
@@ -67,7 +69,7 @@ def test_a_kill_in_a_continuous_recording_costs_less_than_half_a_second(
         assert [message.sequence for message in found] == list(
             range(found[0].sequence, found[0].sequence + len(found))
         )
-        assert (killed_ns - found[-1].log_time) * 1e-9 < 0.5
+        assert (killed_ns - found[-1].log_time) * 1e-9 < 0.5 + held_up_s
 
 
 @pytest.mark.usefixtures("aravis")

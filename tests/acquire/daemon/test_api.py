@@ -298,14 +298,14 @@ def test_a_hung_daemon_is_reported_in_one_line(tmp_path):
 def test_a_client_waits_while_the_daemon_reports_busy(server, monkeypatch):
     """The answer takes more than three times the client's patience."""
     _, path, gate = server
-    with DaemonClient(path, patience_s=3 * api.BUSY_S) as client:
+    with DaemonClient(path, patience_s=6 * api.BUSY_S) as client:
         heard = []
         thread = threading.Thread(target=lambda: heard.append(client.call("wait")))
         start = time.monotonic()
         thread.start()
-        thread.join(10 * api.BUSY_S)
+        thread.join(20 * api.BUSY_S)
         assert thread.is_alive()
-        assert time.monotonic() - start > 3 * 3 * api.BUSY_S
+        assert time.monotonic() - start > 3 * 6 * api.BUSY_S
         gate.set()
         thread.join()
         assert heard == [{"waited": True}]
@@ -315,14 +315,14 @@ def test_a_client_waits_while_the_daemon_reports_busy(server, monkeypatch):
 def test_a_client_that_does_not_read_blocks_no_other(server):
     """The socket of one client is full of answers; another client still receives its busy reports."""
     _, path, gate = server
-    with socket.socket(socket.AF_UNIX) as deaf, DaemonClient(path, patience_s=3 * api.BUSY_S) as client:
+    with socket.socket(socket.AF_UNIX) as deaf, DaemonClient(path, patience_s=8 * api.BUSY_S) as client:
         deaf.connect(str(path))
         request = json.dumps({"id": 1, "method": "echo", "params": {"x": "y" * 400_000}}).encode() + b"\n"
         deaf.settimeout(0.5)
         with contextlib.suppress(TimeoutError):
             for _ in range(20):
                 deaf.sendall(request)
-        thread = threading.Thread(target=lambda: (time.sleep(5 * api.BUSY_S), gate.set()))
+        thread = threading.Thread(target=lambda: (time.sleep(12 * api.BUSY_S), gate.set()))
         thread.start()
         assert client.call("wait") == {"waited": True}
         thread.join()
