@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 
 IMAGES = Path(__file__).resolve().parent / "images"
-PAGE_SIZE = (1080, 1620)
-"""width and greatest height of the report's picture [px]: verdict, answer and planes"""
+PAGE_SIZE = (1080, 1745)
+"""width and greatest height of the report's picture [px]: answer, verdict and struck edges"""
 TITLE_BAR_PX = 38
 LEAST_GAP_PX = 12
 

@@ -12,7 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import findfont, get_font
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.replay.palette import GREEN, GREY, GROUND, INK, ORANGE, RED, SKY, Colour
+from analyze.result.digits import decimals
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -193,12 +195,12 @@ class TipDrawing:
         self._reading = write(
             right, 0.872, "", color=_rgb(INK), fontsize=13, va="center", ha="right", weight="bold"
         )
-        sd = float(np.degrees(np.sqrt(fit.covariance[0, 0])))
-        digits = max(0, min(4, 1 - int(np.floor(np.log10(max(sd, 1e-9))))))
+        half = SIGMAS_95 * float(np.degrees(np.sqrt(fit.covariance[0, 0])))
+        digits = min(4, decimals(half))
         answer = write(
             right,
             0.40,
-            f"balance φ = {np.degrees(fit.phi):.{digits}f} ± {sd:.{digits}f}°",
+            f"balance φ = {np.degrees(fit.phi):.{digits}f} ± {half:.{digits}f}°",
             color=_rgb(ORANGE),
             fontsize=13,
             va="center",
