@@ -17,7 +17,7 @@ from analyze.batch.summary import Repeated, Summary
 from analyze.errors import ArchiveError
 from analyze.report.archive_plots import outcomes_figure, scatter_figure
 from analyze.report.page import figure_element, page_environment
-from analyze.result.digits import decimals
+from analyze.result.digits import decimals, number, signed
 from schemas.output_file import write_text
 from schemas.terminal import Terminal
 from schemas.wording import counted
@@ -106,8 +106,9 @@ def _print_failures(console: Terminal, summary: Summary) -> None:
 def cells(each: Repeated) -> tuple[str, str, str, str, str]:
     """Texts for the table cells of a quantity's repeatability.
 
-    All but chi-square have as many decimals as give the smaller of the two standard deviations two
-    significant digits, none if it is 10 or more; chi-square has one.
+    Mean and standard deviations have as many decimals as give the smaller of the two standard deviations two
+    significant digits, none if it is 10 or more; the drift as many as give them to its half width; chi-square
+    has one.
 
     Returns:
         Mean with unit; standard deviation from session to session; median of the standard deviations that the
@@ -115,13 +116,14 @@ def cells(each: Repeated) -> tuple[str, str, str, str, str]:
         interval, with unit. NaN is shown as "–".
     """
     digits = decimals(min(sd for sd in (each.scatter, each.stated) if not math.isnan(sd)))
+    places = decimals(each.drift_half)
     drift = (
         "–"
         if math.isnan(each.drift)
-        else f"{each.drift:+.{digits}f} ± {each.drift_half:.{digits}f} {each.unit}"
+        else f"{signed(each.drift, places)} ± {number(each.drift_half, places)} {each.unit}"
     )
     return (
-        f"{each.mean:.{digits}f} {each.unit}",
+        f"{number(each.mean, digits)} {each.unit}",
         _number(each.scatter, digits),
         _number(each.stated, digits),
         _number(each.chi_square, 1),

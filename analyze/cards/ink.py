@@ -46,6 +46,29 @@ def polyline(points: Array, colour: str, width: float, dash: str = "", opacity: 
     )
 
 
+def cut_line(ends: Array, width: float, height: float) -> Array | None:
+    """Part (2, 2) [px] of a straight line that lies within a picture; None if none does.
+
+    A page may give a picture more room than it fills, and would show what is drawn beyond its edges.
+    Algorithm: Y.-D. Liang and B. A. Barsky, ACM Trans. Graphics 3, 1984.
+
+    Args:
+        ends: (2, 2) ends of the line [px].
+        width: Width of the picture [px].
+        height: Height of the picture [px].
+    """
+    start, along = ends[0], ends[1] - ends[0]
+    first, last = 0.0, 1.0
+    for step, room in zip((*-along, *along), (*start, *(np.array([width, height]) - start)), strict=True):
+        if step == 0 and room < 0:
+            return None
+        if step < 0:
+            first = max(first, room / step)
+        elif step > 0:
+            last = min(last, room / step)
+    return start + np.outer([first, last], along) if first < last else None
+
+
 def disc(
     centre: Array, radius: float, fill: str, stroke: str = "none", width: float = 0.0, dash: str = ""
 ) -> str:

@@ -82,7 +82,11 @@ def _table(view: View, place: Setting) -> list[str]:
     shadow = np.column_stack([outline, np.zeros(len(outline))])
     return [
         f'<rect width="{WIDTH:g}" height="{HEIGHT:g}" rx="14" fill="{TABLE}"/>',
-        *(ink.polyline(view.project(rule), SQUARES, 1.2) for rule in in_front),
+        *(
+            ink.polyline(seen, SQUARES, 1.2)
+            for rule in in_front
+            if (seen := ink.cut_line(view.project(rule), WIDTH, HEIGHT)) is not None
+        ),
         ink.polygon(view.project(shadow), SHADOW),
     ]
 

@@ -104,7 +104,8 @@ def _headed(table: str) -> str:
 
 
 def unbroken(page: Markup) -> Markup:
-    """HTML of a page in which no line ends between a number and its unit."""
+    """HTML of a page in which no line ends between a number and its unit, or its interval."""
+    page = Markup(re.sub(r"(?<=\d)[ \n]±[ \n\u00a0](?=\d)", "\u00a0±\u00a0", page))  # noqa: S704
     return Markup(re.sub(r"(?<=\d)[ \n](?=(?:%|mm|g|kg|°)(?![\w/]))", "\u00a0", page))  # noqa: S704
 
 

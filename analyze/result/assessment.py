@@ -107,13 +107,13 @@ def regions_text(distribution: MassDistribution, mass: float) -> str:
     ends = distribution.intervals if distribution.explained else distribution.limits
     if _whole_range(ends, mass):
         return (
-            "not determined are the region masses: strikes leave open whether a region holds none or nearly"
+            "not determined: region masses: strikes leave open whether a region holds none or nearly"
             " all of the mass; label the parts, or strike about more axes"
         )
     ranges = _ranges(distribution.names, ends)
     if not distribution.explained:
         return (
-            "not determined are the region masses: no uniform shell with two uniform parts, or with one lump,"
+            "not determined: region masses: no uniform shell with two uniform parts, or with one lump,"
             f" has these moments; under any filling: {ranges}"
         )
     kind = (
@@ -126,7 +126,7 @@ def regions_text(distribution: MassDistribution, mass: float) -> str:
     known = f"{distribution.names[worst]}, to ± {1e3 * half[worst]:.2g} g, {100 * share:.0f} % of the total"
     if share <= MAX_TRUSTED_SHARE:
         return f"trust the region masses {kind}: the least certain, {known}"
-    return f"not determined closely are the region masses {kind}: {ranges}; strike about more axes"
+    return f"not determined: region masses {kind}, more closely than {ranges}; strike about more axes"
 
 
 def _kinds_text(distribution: MassDistribution) -> str:

@@ -16,6 +16,7 @@ from analyze.errors import RecordingError
 from analyze.estimation.equiplane import standing_angle
 from analyze.reading.recording import open_recording
 from analyze.reading.truth import read_truth
+from analyze.result.digits import decimals, number, signed
 from analyze.types import Array
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
@@ -276,16 +277,16 @@ def render_score(score: dict[str, Any]) -> None:
         score: the table that `score_answer` returns.
     """
     from rich.box import SIMPLE_HEAD
-    from rich.table import Table
+    from rich.table import Column, Table
 
     from schemas.terminal import Terminal, styled
 
     console = Terminal()
     strikes = Table(
         "strike",
-        "true phi",
-        "phi error",
-        "I_edge error",
+        Column("true φ (°)", justify="right"),
+        Column("error (°)", justify="right"),
+        Column("error of I_edge (%)", justify="right"),
         title="Strikes compared with ground truth",
         title_justify="left",
         box=SIMPLE_HEAD,
@@ -294,22 +295,21 @@ def render_score(score: dict[str, Any]) -> None:
     for name, phi, wrong, moment in zip(*(score[key] for key in columns), strict=True):
         strikes.add_row(
             name,
-            f"{np.degrees(phi):.2f} deg",
-            f"{np.degrees(wrong):+.3f} deg",
-            "" if moment is None else f"{moment:+.2%}",
+            number(np.degrees(phi), 3),
+            signed(np.degrees(wrong), 3),
+            "–" if moment is None else signed(100 * moment, 2),
         )
     console.print(strikes)
     true, off = (
         1e3 * np.array(score[key]) for key in ("centre_of_mass_true_m", "centre_of_mass_error_vector_m")
     )
-    x, y, z = off
+    known, found = (", ".join(number(v, 3) for v in place) for place in (true, true + off))
     console.print(
         styled(
-            f"true centre of mass ({', '.join(f'{v:.2f}' for v in true)}) mm, estimated"
-            f" ({', '.join(f'{v:.2f}' for v in true + off)}) mm: off by ",
-            (f"{1e3 * score['centre_of_mass_error_m']:.2f} mm", "bold"),
-            f" ({x:+.2f}, {y:+.2f}, {z:+.2f}); the"
-            f" paper's estimator: {1e3 * score['centre_of_mass_paper_error_m']:.2f} mm",
+            f"true centre of mass ({known}) mm, estimated ({found}) mm: off by ",
+            (f"{1e3 * score['centre_of_mass_error_m']:.3f} mm", "bold"),
+            f" ({', '.join(signed(v, 3) for v in off)}); the paper's estimator:"
+            f" {1e3 * score['centre_of_mass_paper_error_m']:.3f} mm",
         )
     )
     for line in _interval_lines(score):
@@ -338,8 +338,10 @@ def _interval_lines(score: dict[str, Any]) -> list[str]:
     """
     lines = []
     if score["centre_of_mass_interval95_m"] is not None:
+        widths = 1e3 * np.ptp(score["centre_of_mass_interval95_m"], axis=1)
+        places = decimals(float(widths.min()) / 2)
         ends = ", ".join(
-            f"{name} {1e3 * low:.1f} to {1e3 * high:.1f}"
+            f"{name} {number(1e3 * low, places)} to {number(1e3 * high, places)}"
             for name, (low, high) in zip("xyz", score["centre_of_mass_interval95_m"], strict=True)
         )
         missed = [
@@ -348,9 +350,9 @@ def _interval_lines(score: dict[str, Any]) -> list[str]:
         verdict = f"miss it along {' and '.join(missed)}" if missed else "hold the truth"
         lines.append(f"its 95 % intervals, {ends} mm, {verdict}")
     if score["centre_of_mass_unobserved_direction"] is not None:
-        x, y, z = score["centre_of_mass_unobserved_direction"]
+        direction = ", ".join(number(v, 2) for v in score["centre_of_mass_unobserved_direction"])
         lines.append(
-            f"the strikes do not determine it along ({x:.2f}, {y:.2f}, {z:.2f}): the error there is that of "
+            f"the strikes do not determine it along ({direction}): the error there is that of "
             "an assumption, not of a measurement"
         )
     return lines

@@ -114,7 +114,7 @@ def _com_text(estimate: Estimate) -> str:
     if com.unobserved_direction is not None:
         x, y, z = com.unobserved_direction
         return (
-            f"not determined along ({x:.2f}, {y:.2f}, {z:.2f}) is the centre of mass: there it comes from the"
+            f"not determined: the centre of mass along ({x:.2f}, {y:.2f}, {z:.2f}): there it comes from the"
             f" shape, to ± {1e3 * half:.0f} mm; {singular_text(estimate)}"
         )
     lower, upper = estimate.evidence.model.bounds
@@ -181,8 +181,8 @@ def _tensor_texts(estimate: Estimate, moments_sound: bool) -> Iterator[str]:
         worst = max(float(share[entry]) for entry in rough)
         yield f"doubt {_names(rough)} of the tensor: known only to {100 * worst:.0f} % of the moments"
     if prior:
-        verb = "is" if len(prior) == 1 else "are"
-        yield f"not determined {verb} {_names(prior)} of the tensor: they come from the shape"
+        come = "it comes" if len(prior) == 1 else "they come"
+        yield f"not determined: {_names(prior)} of the tensor: {come} from the shape"
 
 
 def what_if_text(alternative: Alternative) -> str:

@@ -23,7 +23,7 @@ def unchecked_text(left_out: Sequence[LeaveOneOut]) -> str | None:
         return None
     many = len(names) > 1
     return (
-        f"not checked {'are strikes' if many else 'is strike'} {names_text(names)}: the other strikes leave"
+        f"not checked: {'strikes' if many else 'strike'} {names_text(names)}: the other strikes leave"
         f" {'their' if many else 'its'} balance angle open; strike {'those edges' if many else 'that edge'}"
         " again, or other edges"
     )

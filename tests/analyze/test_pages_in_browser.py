@@ -22,10 +22,15 @@ from analyze.batch.summary_output import save_summary
 from analyze.cards.page import render_cards
 from analyze.report.comparison_page import render_comparison
 from analyze.report.report import render_report
+from analyze.reproduce.paper.moments_table import moments_table
+from analyze.reproduce.paper.page import render_page
+from analyze.reproduce.paper.tables import all_tables
+from analyze.reproduce.paper.targets import targets_table
 from analyze.result.answer import answer_evidence
 from analyze.result.comparison import compare_evidence
 from tests.analyze.cards.test_cards import planned
 from tests.analyze.report.test_report_in_browser import still
+from tests.analyze.reproduce.test_paper import record_of
 from tests.analyze.result.test_comparison import ELSEWHERE, one
 from tests.analyze.simulated_session import carton, session
 from tests.analyze.watched_page import A4_CARDS_PX, A4_PX, DESKTOP, PHONE, watched
@@ -78,6 +83,12 @@ def archive() -> str:
         return path.read_text(encoding="utf-8")
 
 
+def reproduction() -> str:
+    """Page of the paper's tables and figures, from one session of a carton."""
+    records = [record_of("carton")]
+    return render_page(records, [targets_table(records), *all_tables(records), moments_table(records)])
+
+
 def rig_cards() -> str:
     return render_cards(*planned("carton"))
 
@@ -88,7 +99,7 @@ def hand_cards() -> str:
 
 PAGES: dict[str, Callable[[], str]] = {
     make.__name__: make
-    for make in (report_of_few, report_of_many, comparison, archive, rig_cards, hand_cards)
+    for make in (report_of_few, report_of_many, comparison, archive, reproduction, rig_cards, hand_cards)
 }
 
 
@@ -156,6 +167,9 @@ FAULTS = {
     "<rect width='30' height='9'/></g><g id='text_2'><rect x='20' width='30' height='9'/></g></svg>",
     "small: tiny: 4.0 px": "<svg viewBox='0 0 90 40' width='90' height='40'>"
     "<text x='9' y='20' font-size='4'>tiny</text></svg>",
+    "broken: 1.25 ± 0.25": "<p style='width:60px'>1.25 ± 0.25 mm</p>",
+    "drawn outside: path of wide": "<svg aria-label='wide' viewBox='0 0 90 40' width='300' height='40'>"
+    "<path d='M-60 20H30' stroke='#000'/></svg>",
     "faint: pale": "<p style='color:#ccc;background:#fff'>pale</p>",
 }
 """pieces of a page with one fault each, by the beginning of the fault that is to be found"""

@@ -34,7 +34,7 @@ LEAST_FONT_PX = 7.0
 OVERFLOWING = """(scrolls) => [...document.querySelectorAll('main *:not(svg *)')].filter(each => {
     const box = each.getBoundingClientRect();
     const beyond = box.width > 0 && box.right > document.documentElement.clientWidth + 1;
-    return beyond && !(scrolls && each.closest('.scroll, .views'));
+    return beyond && !each.closest(scrolls ? '.scroll, .views' : '.plate, details:not([open])');
 }).map(each => `${each.tagName} ${each.className.baseVal ?? each.className} reaches ` +
     `${Math.round(each.getBoundingClientRect().right)}`)"""
 TEXTS = """
@@ -87,6 +87,32 @@ SMALL_LABELS = f"""([smallest, least]) => {{{TEXTS}
         }})).filter(({{size}}) => size < least).map(({{name, size}}) => `${{name}}: ${{size.toFixed(1)}} px`);
     }});
 }}"""
+BROKEN_NUMBERS = f"""() => {{{TEXTS}
+    return [...new Set(texts.map(({{node}}) => node))].flatMap(node => {{
+        const found = [];
+        for (const each of node.data.matchAll(/[0-9.]+\\s*±\\s*[0-9.]+/g)) {{
+            const range = document.createRange();
+            range.setStart(node, each.index);
+            range.setEnd(node, each.index + each[0].length);
+            const tops = [...range.getClientRects()].filter(box => box.width > 0).map(box => box.top);
+            if (Math.max(...tops) - Math.min(...tops) > 4) found.push(each[0].replace(/\\s+/g, ' '));
+        }}
+        return found;
+    }});
+}}"""
+DRAWN_OUTSIDE = """() => [...document.querySelectorAll('svg[viewBox]')].flatMap(plot => {
+    const frame = plot.viewBox.baseVal, box = plot.getBoundingClientRect(), corner = plot.getScreenCTM();
+    if (!corner || !box.width) return [];
+    const left = corner.e + frame.x * corner.a, top = corner.f + frame.y * corner.d;
+    const right = left + frame.width * corner.a, bottom = top + frame.height * corner.d;
+    const spare = box.width > right - left + 4 || box.height > bottom - top + 4;
+    return !spare ? [] : [...plot.querySelectorAll('path, polygon, rect, line')].filter(each => {
+        const drawn = each.getBoundingClientRect();
+        const beyond = drawn.left < left - 4 || drawn.right > right + 4 ||
+            drawn.top < top - 4 || drawn.bottom > bottom + 4;
+        return beyond && !each.closest('[clip-path], defs');
+    }).slice(0, 1).map(each => `${each.tagName} of ${plot.getAttribute('aria-label') || 'a plot'}`);
+})"""
 CONTRASTS = f"""() => {{{TEXTS}
     const parts = colour => (colour.match(/[0-9.]+/g) || []).map(Number);
     const light = colour => parts(colour).slice(0, 3).map(v => v / 255)
@@ -128,8 +154,10 @@ class WatchedPage:
     def faults(self, least_font: float = LEAST_FONT_PX) -> list[str]:
         """All that keeps the page from being read as it is shown, in words; empty for a page without fault.
 
-        These are elements beyond the right edge, cut and overlapping texts, labels of plots that are cut,
-        cover each other or are smaller than `least_font` [px], faint texts, empty plots, and `problems`.
+        These are elements beyond the right edge (large figures, of the class `plate`, may scroll), cut and
+        overlapping texts, labels of plots that are cut, cover each other or are smaller than `least_font`
+        [px], values whose interval is on another line, shapes beyond the edges of their plot, faint texts,
+        empty plots, and `problems`.
         """
         faint = {text for text, contrast in self.contrasts() if contrast < LEAST_CONTRAST}
         return [
@@ -138,6 +166,8 @@ class WatchedPage:
             *(f"overlap: {each}" for each in self.overlapping()),
             *(f"labels overlap: {each}" for each in self.overlapping_labels("svg")),
             *(f"small: {each}" for each in self.page.evaluate(SMALL_LABELS, [PLOT_FONT, least_font])),
+            *(f"broken: {each}" for each in self.page.evaluate(BROKEN_NUMBERS)),
+            *(f"drawn outside: {each}" for each in self.page.evaluate(DRAWN_OUTSIDE)),
             *(f"faint: {each}" for each in sorted(faint)),
             *(f"empty: {each}" for each in self.empty_plots()),
             *self.problems,

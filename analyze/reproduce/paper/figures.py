@@ -299,7 +299,7 @@ def pictures_figure(records: Sequence[SessionRecord]) -> Figure | None:
             _picture_of_regions(panels[2, column], of_object[0])
         panels[1, 0].set_ylabel("error of z [mm]")
         handles, labels = panels[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=3)
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(3, len(names)))
     return figure
 
 

@@ -19,6 +19,8 @@ from schemas.wording import counted
 
 WIDE_COLUMNS, NARROW_COLUMNS = 96, 58
 """smallest terminal widths at which tables show all columns, and all but the least important ones"""
+LEAST_REASON = 16
+"""smallest width of the column with the reasons of strikes' verdicts; narrower terminals do not show it"""
 
 
 def render_inspection(found: dict[str, Any], console: Terminal | None = None) -> None:
@@ -157,27 +159,22 @@ def _strikes(strikes: Sequence[dict[str, Any]], width: int) -> Table:
     for heading in ("images", "missing", "m/s") if width >= NARROW_COLUMNS else ("images",):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("verdict", no_wrap=True)
-    # The reason is cut to the rest of the line.
+    # The reason wraps within the rest of the line.
     room = (
         width
         - max(len(strike["strike_id"]) for strike in strikes)
         - max(len(strike["verdict"] or "-") for strike in strikes)
         - 36
     )
-    if room >= len("reason"):
+    if room >= LEAST_REASON:
         table.add_column("reason")
     for strike in strikes:
         middle = [str(strike["images"]), str(strike["images_missing"]), f"{strike['tip_speed_m_s']:.3f}"]
-        reason = (
-            strike["verdict_text"]
-            if len(strike["verdict_text"]) <= room
-            else strike["verdict_text"][: room - 1] + "…"
-        )
         table.add_row(
             strike["strike_id"],
             *(middle if width >= NARROW_COLUMNS else middle[:1]),
             strike["verdict"] or "-",
-            *([reason] if room >= len("reason") else []),
+            *([strike["verdict_text"]] if room >= LEAST_REASON else []),
         )
     return table
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 
 import numpy as np
@@ -10,6 +10,7 @@ from rich.table import Table
 
 from analyze.cards.by_hand import force_words
 from analyze.planning.rejections import rejection_summary
+from analyze.result.digits import decimals, inertia_unit, number
 from analyze.types import TENSOR_ENTRIES, tensor_entry_name
 from schemas.strike_plan import PlanMethod, PlannedStrike, Prediction, StrikePlan
 from schemas.terminal import Terminal
@@ -87,27 +88,15 @@ def _relative(strike: PlannedStrike) -> str:
 
 
 def _prediction_table(plan: StrikePlan, prediction: Prediction) -> Table:
-    table = Table(title="expected accuracy (1 sigma)", title_justify="left", show_header=False)
+    table = Table(
+        title="expected accuracy, 1 sd (95 % intervals reach ± 2 sd)", title_justify="left", show_header=False
+    )
     table.add_column()
     table.add_column()
     each = ", ".join(f"±{1000 * sd:.2f}" for sd in prediction.com_sd_m)
     table.add_row("centre of mass x, y, z", f"{each} mm; rms distance {1000 * prediction.com_rms_m:.2f} mm")
-    seen: set[str] = set()
-    for moment in prediction.moments:
-        strike = next(entry for entry in plan.strikes if entry.axis_id == moment.axis_id)
-        along = axis_text(strike.pivot.direction)
-        if along in seen:
-            continue
-        seen.add(along)
-        value = f"±{1e6 * moment.i_com_sd_kg_m2:.2f} kg mm²" if moment.determined else NOT_DETERMINED
-        table.add_row(f"moment about ({along}) in O, through c", value)
-    tensor = np.array(prediction.inertia_determined)
-    sd = np.array(prediction.inertia_sd_kg_m2)
-    tensor_text = ", ".join(
-        f"{tensor_entry_name(entry)} {f'±{1e6 * sd[entry]:.2f}' if tensor[entry] else NOT_DETERMINED}"
-        for entry in TENSOR_ENTRIES
-    )
-    table.add_row("inertia tensor [kg mm²]", tensor_text)
+    for name, value in _moment_rows(plan, prediction):
+        table.add_row(name, value)
     for region in prediction.regions:
         table.add_row(
             f"mass, {region.name}",
@@ -119,6 +108,35 @@ def _prediction_table(plan: StrikePlan, prediction: Prediction) -> Table:
         f"{curve}; any number on the axes of this plan: {1000 * prediction.floor_m:.2f}",
     )
     return table
+
+
+def _moment_rows(plan: StrikePlan, prediction: Prediction) -> Iterator[tuple[str, str]]:
+    """Yield names and sd of the moments of inertia that strikes determine, in a unit common to all.
+
+    The moments are the tensor's entries, and those about struck axes that are not parallel to the object's
+    axes, each through the centre of mass. Entries that no strike determines are named together.
+    """
+    tensor, sd = np.array(prediction.inertia_determined), np.array(prediction.inertia_sd_kg_m2)
+    # A uniform box has a quarter of its moment about an edge about the parallel through its middle.
+    unit = inertia_unit([strike.i_edge_predicted_kg_m2 / 4 for strike in plan.strikes])
+
+    def shown(value: float) -> str:
+        """Text of an sd [kg m²] in the common unit, with two significant digits."""
+        return f"±{number(unit.factor * value, decimals(unit.factor * value))}"
+
+    known = [f"{tensor_entry_name(each)} {shown(sd[each])}" for each in TENSOR_ENTRIES if tensor[each]]
+    unknown = [tensor_entry_name(each) for each in TENSOR_ENTRIES if not tensor[each]]
+    parts = [", ".join(known)] if known else []
+    parts += [f"{NOT_DETERMINED}: {', '.join(unknown)}"] if unknown else []
+    yield f"inertia tensor about it [{unit.label}]", "; ".join(parts)
+    directions = {strike.axis_id: strike.pivot.direction for strike in plan.strikes}
+    skew: dict[str, str] = {}
+    for moment in prediction.moments:
+        direction = directions[moment.axis_id]
+        if np.count_nonzero(np.round(direction, 2)) > 1:
+            value = shown(moment.i_com_sd_kg_m2) if moment.determined else NOT_DETERMINED
+            skew.setdefault(f"moment about ({axis_text(direction)}) [{unit.label}]", value)
+    yield from skew.items()
 
 
 def axis_text(direction: Sequence[float]) -> str:

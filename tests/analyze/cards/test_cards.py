@@ -9,9 +9,11 @@ import pytest
 import trimesh
 from click.testing import CliRunner
 
+from analyze.cards import ink
 from analyze.cards.by_hand import force_words
 from analyze.cards.drawn_shape import MAX_FACES, drawn_shape, simplify_mesh
 from analyze.cards.page import placement_cards, render_cards
+from analyze.cards.scene import HEIGHT, SQUARES, WIDTH
 from analyze.cards.view import from_above, from_the_camera, from_the_front_right
 from analyze.cli import main
 from analyze.geometry.object_model import load_object_model
@@ -256,3 +258,19 @@ def test_force_is_said_in_words(impulse, word):
     strike = planned("carton")[0].strikes[0]
     aimed = strike.impulse_n_s.model_copy(update={"target": impulse})
     assert force_words(strike.model_copy(update={"impulse_n_s": aimed}))[0] == word
+
+
+def test_lines_of_the_table_end_at_the_pictures_edges():
+    cut = ink.cut_line(np.array([[-50.0, 20.0], [150.0, 20.0]]), 100, 40)
+    assert cut == pytest.approx(np.array([[0, 20], [100, 20]]))
+    slanting = ink.cut_line(np.array([[-10.0, 10.0], [20.0, -20.0]]), 100, 40)
+    assert slanting is None
+    within = np.array([[10.0, 10.0], [20.0, 30.0]])
+    assert ink.cut_line(within, 100, 40) == pytest.approx(within)
+    plan, model, spec = planned("carton")
+    for scene in render_cards(plan, model, spec, by_hand=True).split('<figure class="scene">')[1:]:
+        lines = re.findall(rf'<path d="M(\S+ \S+L\S+ \S+)" fill="none" stroke="{SQUARES}"', scene)
+        ends = np.array([line.replace("L", " ").split() for line in lines], dtype=float)
+        assert len(lines) > 9
+        assert (ends >= -0.1).all()
+        assert (ends.reshape(-1, 2) <= np.array([WIDTH, HEIGHT]) + 0.1).all()

@@ -9,6 +9,7 @@ from analyze.errors import EstimationError
 from analyze.pipeline.estimate import EstimateOptions
 from analyze.report.summary import render_summary
 from analyze.result.answer import answer_evidence
+from analyze.result.digits import signed
 from analyze.result.score import render_score, score_answer, tip_truth
 from analyze.types import RollingContact, TipMotion
 from schemas.proto import percuss_pb2 as pb
@@ -187,7 +188,7 @@ def test_verdict_names_trusted_quantities_and_strikes_to_repeat(evidence, estima
     words = estimate.result.verdict
     assert words[0].startswith("trust the centre of mass, to ")
     assert not any(each.startswith("repeat") for each in words)
-    assert len([each for each in words if "the region masses" in each]) == 1
+    assert len([each for each in words if "region masses" in each]) == 1
     every = np.array(estimate.result.inertia_measured).all()
     assert estimate.result.inertia.source == ("measured" if every else "prior")
     assert all(each.consistent for each in estimate.estimate.predictions)
@@ -238,8 +239,8 @@ def test_score_shows_each_moment_error_in_its_strikes_row(estimate, monkeypatch,
     shown = {
         line.split()[0]: line.split()[-1] for line in capsys.readouterr().out.splitlines() if line.strip()
     }
-    assert shown[rows[1].id] == "deg"
-    assert shown[rows[2].id] == f"{whole[2]:+.2%}"
+    assert shown[rows[1].id] == "–"
+    assert shown[rows[2].id] == signed(100 * whole[2], 2)
     json.dumps(score, allow_nan=False)
 
 
@@ -259,7 +260,7 @@ def test_score_says_whether_the_intervals_hold_the_truth(estimate, monkeypatch, 
     assert score["centre_of_mass_in_interval95"] == [True, True, True]
     render_score(score)
     text = " ".join(capsys.readouterr().out.split())
-    assert "95 % intervals, x -100.0 to 100.0, " in text
+    assert "95 % intervals, x −100." in text
     assert "hold the truth" in text
     assert "the strikes do not determine it along (1.00, 0.00, 0.00)" in text
     wrong = wide.model_copy(update={"interval95": [[0.09, 0.1], *com.interval95[1:]]})

@@ -38,8 +38,8 @@ def masses(half, explained=True, lump=False):
         (
             20.0,
             (
-                "not determined closely are the region masses on either side of the dividing plane, if the"
-                " object is a uniform shell with two uniform parts: shell 30 to 70 g, upper 20 to 22 g,"
+                "not determined: region masses on either side of the dividing plane, if the object is a"
+                " uniform shell with two uniform parts, more closely than shell 30 to 70 g, upper 20 to 22 g,"
                 " lower 28 to 30 g; strike about more axes"
             ),
         ),
@@ -56,13 +56,13 @@ def test_a_lump_that_has_the_moments_as_well_is_named():
 
 def test_unexplained_moments_determine_no_masses_even_with_narrow_intervals():
     said = regions_text(masses(1.0, explained=False), 0.1)
-    assert said.startswith("not determined are the region masses: no uniform shell")
+    assert said.startswith("not determined: region masses: no uniform shell")
     assert said.endswith("shell 10 to 90 g, upper 0 to 40 g, lower 0 to 50 g")
 
 
 def test_ranges_that_span_the_whole_mass_are_said_to_determine_nothing():
     whole = masses(40.0)
     whole.intervals = whole.limits = 1e-3 * np.array([[0.0, 95.0], [0.0, 90.0], [2.0, 99.0]])
-    assert regions_text(whole, 0.1).startswith("not determined are the region masses")
+    assert regions_text(whole, 0.1).startswith("not determined: region masses")
     whole.explained = False
-    assert regions_text(whole, 0.1).startswith("not determined are the region masses")
+    assert regions_text(whole, 0.1).startswith("not determined: region masses")

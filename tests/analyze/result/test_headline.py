@@ -144,7 +144,7 @@ def test_what_the_verdict_states_is_not_warned_of_again():
         ResultWarning(code=WarningCode.POOR_FIT, text="strike s1 rocked back"),
         ResultWarning(code=WarningCode.FRAMES_LOST, text="3 frames lost"),
     ]
-    stated = ["not determined is Ixy of the tensor: it comes from the shape", "repeat strike s1 rocked back"]
+    stated = ["not determined: Ixy of the tensor: it comes from the shape", "repeat strike s1 rocked back"]
     left = further_warnings(result(warnings=warnings, verdict=stated))
     assert [each.text for each in left] == ["3 frames lost"]
     assert further_warnings(result(warnings=warnings)) == warnings

@@ -14,6 +14,6 @@ def test_strikes_that_the_others_leave_open_are_named_with_the_remedy():
     ]
     text = unchecked_text(strikes)
     assert text is not None
-    assert text.startswith("not checked are strikes s1, s3: ")
+    assert text.startswith("not checked: strikes s1, s3: ")
     assert "strike those edges again" in text
     assert unchecked_text(strikes[1:2]) is None

@@ -43,7 +43,7 @@ def status_of(sentence: str) -> str | None:
 
 
 def _concerns(sentence: str, name: str) -> bool:
-    head = sentence.partition(":")[0]
+    head = sentence.removeprefix("not determined:").partition(":")[0]
     if EVERYTHING in head:
         return True
     if name == "c":

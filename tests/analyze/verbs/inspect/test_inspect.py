@@ -60,6 +60,18 @@ def test_cut_recording_is_inspected_and_called_cut(tmp_path: Path) -> None:
     assert "/camera/main/image" in text.getvalue()
 
 
+def test_reasons_of_verdicts_wrap_and_are_complete(tmp_path: Path) -> None:
+    small.write_recording(tmp_path / "a.mcap")
+    found = inspect_recording(tmp_path / "a.mcap")
+    reason = "tipped over at 36.97 deg, energy ratio 1.19: the next strike may be softer"
+    found["strikes"] = [{**each, "verdict_text": reason} for each in found["strikes"]]
+    assert found["strikes"]
+    text = io.StringIO()
+    render_inspection(found, Terminal(file=text, width=80))
+    assert all(word in text.getvalue() for word in reason.split())
+    assert "…" not in text.getvalue()
+
+
 def test_topic_names_are_complete_on_80_columns(tmp_path: Path) -> None:
     small.write_recording(tmp_path / "a.mcap")
     found = inspect_recording(tmp_path / "a.mcap")

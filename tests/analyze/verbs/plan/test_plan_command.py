@@ -35,7 +35,7 @@ def test_plan_prints_expected_accuracy(tmp_path: Path):
     for said in (
         "6 strikes",
         "centre of mass x, y, z",
-        "moment about",
+        "inertia tensor about it [10⁻⁴ kg m²]",
         "not determined",
         "mass, shell",
         "number of strikes",
@@ -160,7 +160,7 @@ def test_refusal_keeps_warnings_about_the_shape(tmp_path: Path):
 def test_units_in_brackets_are_printed(tmp_path: Path):
     """Rich takes [mm] for markup unless markup is switched off."""
     done = run(str(ROOT / "docs" / "examples" / "teabox.toml"), "-o", str(tmp_path / "plan.json"))
-    assert "[kg mm²]" in done.output
+    assert "[10⁻⁴ kg m²]" in done.output
     assert "[mm]" in done.output
 
 
