@@ -93,8 +93,8 @@ in_a_terminal() {{  # the question before videos are imported is for a person al
 }}
 acquire() {{
   local code=0
-  case "$1" in virtual | demo) set -- "$@" --address {loopback(141)} ;; esac
-  case "$1" in
+  case "${{1-}}" in virtual | demo) set -- "$@" --address {loopback(141)} ;; esac
+  case "${{1-}}" in
     virtual | run)
       command acquire "$@" > "$1.log" 2>&1 &
       until grep -Eq '^(ready: |  analyze report )' "$1.log"; do
