@@ -45,7 +45,7 @@ class CentreOfMass:
     def __repr__(self) -> str:
         """Centre of mass in mm with half widths of 95 % intervals; marked if a direction is not observed."""
         pairs = zip("xyz", 1e3 * self.position, 1e3 * SIGMAS_95 * self.sd, strict=True)
-        text = ", ".join(f"{axis} {value:.2f} ± {half:.2f}" for axis, value, half in pairs)
+        text = ", ".join(f"{axis} {value:z.2f} ± {half:.2f}" for axis, value, half in pairs)
         return f"CentreOfMass({text} mm, 95 %{'' if self.observed else ', one direction not observed'})"
 
 
@@ -101,7 +101,7 @@ class InertiaTensor:
         return [
             (
                 tensor_entry_name((i, j)),
-                f"{self.tensor[i, j] / unit:.3f} ± {SIGMAS_95 * self.sd[i, j] / unit:.3f}",
+                f"{self.tensor[i, j] / unit:z.3f} ± {SIGMAS_95 * self.sd[i, j] / unit:.3f}",
                 "measured" if self.measured[i, j] else "prior",
             )
             for i, j in TENSOR_ENTRIES

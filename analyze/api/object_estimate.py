@@ -256,7 +256,7 @@ class ObjectEstimate:
     def _repr_html_(self) -> str:
         com, inertia = self.centre_of_mass, self.inertia
         centre = [
-            {"": axis, "centre of mass [mm]": f"{1e3 * value:.2f} ± {1e3 * SIGMAS_95 * sd:.2f}"}
+            {"": axis, "centre of mass [mm]": f"{1e3 * value:z.2f} ± {1e3 * SIGMAS_95 * sd:.2f}"}
             for axis, value, sd in zip("xyz", com.position, com.sd, strict=True)
         ]
         unit = f"10^{inertia.power_of_ten} kg m²"

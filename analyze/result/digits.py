@@ -65,8 +65,7 @@ def decimals(half: float) -> int:
 
 def number(value: float, digits: int) -> str:
     """Text of a number with `digits` decimals and a typographic minus; no sign if it rounds to 0."""
-    text = f"{value:.{digits}f}"
-    return f"{0.0:.{digits}f}" if float(text) == 0 else text.replace("-", "−")
+    return f"{value:z.{digits}f}".replace("-", "−")
 
 
 def signed(value: float, digits: int) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import analyze
+from analyze.api import InertiaTensor
 from analyze.pipeline.estimate_recordings import estimate_recordings
 from tests.places import ROOT, SAMPLE
 
@@ -137,3 +138,9 @@ def test_plan_can_be_written_and_read(tmp_path: Path):
     assert len(plan.to_dataframe()) == len(plan.document.strikes) == 3
     written = plan.write(tmp_path / "plan.json")
     assert json.loads(written.read_text())["strikes"][0]["id"] == plan.document.strikes[0].id
+
+
+def test_an_entry_that_rounds_to_zero_has_no_sign() -> None:
+    """The sign of rounding noise differs from machine to machine."""
+    tensor = InertiaTensor(np.diag([1e-4, 1e-4, 1e-4]) - 1e-12, np.full((3, 3), 1e-6), np.ones((3, 3), bool))
+    assert "Ixy 0.000 ± " in repr(tensor)
