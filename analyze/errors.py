@@ -15,6 +15,7 @@
     ├── ExportError             a body cannot be written for a simulator
     ├── ImportRefused           a video, image folder or foreign file cannot become a recording
     ├── CalibrationError        images do not determine the camera
+    ├── FixtureError            no fixture can be designed for an object
     ├── ArchiveError            an archive or a folder of results cannot be used
     └── TagError                tags or boards cannot be printed as asked
 
@@ -77,6 +78,10 @@ class ImportRefused(AnalyzeError):
 
 class CalibrationError(AnalyzeError):
     """A camera cannot be calibrated: images show no board, or the views do not determine the camera."""
+
+
+class FixtureError(AnalyzeError):
+    """No fixture can be designed for an object, or not with the options given."""
 
 
 class ArchiveError(AnalyzeError):

@@ -119,11 +119,14 @@ def _without_holes(vertices: Array, faces: IntArray, name: str) -> tuple[Array, 
     """
     used, local = np.unique(faces, return_inverse=True)
     try:
-        more, closed, _ = fill_holes(vertices[used], local.reshape(-1, 3).astype(np.int64), name)
+        filled = fill_holes(vertices[used], local.reshape(-1, 3).astype(np.int64), name)
     except ShapeError:
         return vertices, faces, 0
-    index = np.concatenate([used, len(vertices) + np.arange(len(more) - len(used))])
-    return np.concatenate([vertices, more[len(used) :]]), index[closed], unmatched_edges(faces)
+    if filled.doubt:
+        return vertices, faces, 0
+    index = np.concatenate([used, len(vertices) + np.arange(len(filled.vertices) - len(used))])
+    added = filled.vertices[len(used) :]
+    return np.concatenate([vertices, added]), index[filled.faces], unmatched_edges(faces)
 
 
 def _solids(vertices: Array, surfaces: list[IntArray]) -> dict[int, IntArray]:

@@ -30,7 +30,7 @@ from analyze.geometry.cloud_roundings import EdgeRounding, bevels, edge_rounding
 from analyze.geometry.cloud_smoothing import MIN_HOLLOW_DEPTH, smoothed_points
 from analyze.geometry.distance import largest_height
 from analyze.geometry.hull_planes import MIN_NOISE_FRACTION, FittedPlane, fitted_planes
-from analyze.geometry.polyhedron import hull_faces
+from analyze.geometry.polyhedron import BoolArray, hull_faces
 from analyze.geometry.scanned_surface import ScannedSurface
 from analyze.types import Array, IntArray
 
@@ -53,8 +53,42 @@ MIN_TABLE_MARGIN = 0.05
 """Smallest distance, over the cloud's extent, by which a table extends beyond the object on it."""
 OUTLINE_GAP_SPACINGS = 0.5
 """Distance of a face's outermost points from its true outline, over the spacing."""
+TWO_SIDES_RATIO = 1.2
+"""Scatter of a foot of two sides over that of one, above which they are distinguished: at a foot 1.3 times as
+thick as the noise."""
+MIN_NOISE_POINTS = 96
+"""Smallest number of points whose noise is determined."""
 MIN_TABLE_SHARE = 0.15
 """Fraction of a plane's points beyond what stands on it above which the plane is a table."""
+
+
+@dataclass(frozen=True)
+class Overhang:
+    """Plane of a point cloud, without measurable thickness, that extends beyond what stands on it."""
+
+    length: float
+    """Distance [m] by which it extends beyond."""
+    two_sided: bool
+    """True if its points are the two sides of a foot, thin within the noise; False for a table."""
+
+    def refusal(self, noise: float) -> str:
+        """Why a cloud with this plane gives no exterior, and the remedy.
+
+        Args:
+            noise: 1 sigma [m] of the points' scatter.
+        """
+        length, scatter = 1000 * self.length, f"{1000 * noise:.1f} mm"
+        if self.two_sided:
+            return (
+                f"has a foot or flange that extends {length:.0f} mm beyond what stands on it and is about as "
+                f"thin as the points scatter ({scatter}), so that its edges cannot be found: scan it with "
+                "less noise, or give a mesh"
+            )
+        return (
+            f"seems to contain the table: a plane without measurable thickness extends {length:.0f} mm "
+            "beyond what stands on it: cut it off; if it is a foot of the object, thinner than the points "
+            f"scatter ({scatter}), give a mesh"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +113,10 @@ class CloudSurface:
     """99 % quantile of the depth of the points in hollows [m]; 0 if there are none."""
     scanned: ScannedSurface
     """Parts of the surface with and without points nearby."""
-    table_overhang: float
-    """Distance [m] by which a plane without thickness, such as a scanned table, extends beyond what stands on
-    it; 0 if there is none."""
+    overhang: Overhang | None
+    """Plane without measurable thickness, such as a scanned table, that extends beyond what stands on it.
+
+    None if there is none."""
     unwalled: tuple[bool, ...]
     """For each plane, True if its outline is that of its own points, as the wall on it is too low to be
     extrapolated."""
@@ -111,7 +146,7 @@ def cloud_surface(points: Array) -> CloudSurface:
     planes = fitted_planes(kept, noise)
     sd = max([noise.sd, *(plane.scatter for plane in planes)])
     planes = (*planes, *bevels(kept, planes, sd, extent))
-    sharp = _corners(kept, tree, planes, sd, noise.spacing, extent)
+    sharp = virtual_corners(kept, tree, planes, sd, noise.spacing, extent)
     smoothed, normals, smooth_sd = smoothed_points(kept, planes, sharp, sd, noise.spacing, extent)
     rims, thin = [], []
     for plane in planes:
@@ -148,7 +183,7 @@ def cloud_surface(points: Array) -> CloudSurface:
         scanned_surface.scanned_cloud(
             vertices, faces, tree, reach, gap, max(sd, MIN_NOISE_FRACTION * extent)
         ),
-        _table_overhang(kept, planes, noise.spacing, extent),
+        _overhang(kept, planes, noise.spacing, extent),
         tuple(thin),
         edge_roundings(kept, planes, sd, extent),
     )
@@ -216,11 +251,13 @@ def _without_strays(points: Array) -> tuple[Array, int]:
     return points[keep], int(np.sum(~keep))
 
 
-def _table_overhang(points: Array, planes: tuple[FittedPlane, ...], spacing: float, extent: float) -> float:
-    """Distance [m] by which a scanned table extends beyond what stands on it; 0 if there is none.
+def _overhang(
+    points: Array, planes: tuple[FittedPlane, ...], spacing: float, extent: float
+) -> Overhang | None:
+    """Plane without measurable thickness that extends beyond what stands on it; None if there is none.
 
-    A table is a plane without thickness. A foot, a flange or a plate that was scanned all round is none: it
-    has its other side above it, with the same outline.
+    A foot, a flange or a plate that was scanned all round is none if it is thicker than the noise: it has its
+    other side above it, with the same outline.
 
     Args:
         points: (n, 3) points of the cloud [m].
@@ -242,11 +279,34 @@ def _table_overhang(points: Array, planes: tuple[FittedPlane, ...], spacing: flo
         # A slanting wall has left its foot's outline where it can be distinguished from the plane.
         far = beyond > MIN_TABLE_MARGIN * extent + 2 * spacing + 2 * FACE_BAND_SCATTERS * plane.scatter
         if far.mean() > MIN_TABLE_SHARE:
-            return float(beyond.max())
-    return 0.0
+            return Overhang(float(beyond.max()), _has_two_sides(on, over, beyond, far, spacing))
+    return None
 
 
-def _corners(
+def _has_two_sides(on: Array, over: Array, beyond: Array, far: BoolArray, spacing: float) -> bool:
+    """True if a plane's points beyond what stands on it are the two sides of a foot, thin within the noise.
+
+    Two sides scatter more than one surface: more than the underside alone does, beneath what stands there,
+    or, with few points beneath, than the surface of what stands there. A table is not scanned where
+    something stands on it.
+
+    Args:
+        on: (n, 3) points of the plane [m].
+        over: (k, 3) points of what stands on it [m].
+        beyond: (n,) distance of the plane's points from the outline of what stands on it [m], negative
+            within.
+        far: (n,) True for points that lie beyond it by more than the plane's error.
+        spacing: Distance of neighbouring points [m].
+    """
+    beneath = on[beyond < -2 * spacing]
+    if len(beneath) < MIN_OUTLINE_POINTS:
+        return False
+    single = beneath if len(beneath) >= MIN_NOISE_POINTS else over
+    sides, side = (cloud_noise(each, KDTree(each)).sd for each in (on[far], single))
+    return sides > TWO_SIDES_RATIO * side
+
+
+def virtual_corners(
     points: Array, tree: KDTree, planes: tuple[FittedPlane, ...], sd: float, spacing: float, extent: float
 ) -> Array:
     """Corners, and places along the edges, (k, 3) [m] of the body that the fitted planes bound.

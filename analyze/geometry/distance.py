@@ -19,7 +19,7 @@ from analyze.types import Array, IntArray
 
 NEAREST_SAMPLES = 5
 """Number of nearest surface samples of a point whose faces are examined."""
-MAX_POINTS = 40_000
+MAX_POINTS = 10_000
 """Number of points processed at a time."""
 MANY_PLANES = 200
 """Number of planes from which on they are preselected for `POINTS_TOGETHER` points at a time."""
@@ -217,7 +217,7 @@ def mesh_depth(index: SurfaceIndex, vertices: Array, faces: IntArray, points: Ar
         value[piece] = distance[rows, best]
         face = near[rows, best]
         normal = polyhedron.area_vectors(index.triangles[face])
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
         length = distance[rows, best][:, None]
         gradient[piece] = np.where(
             length > 1e-12, away[rows, best] / np.where(length > 1e-12, length, 1.0), -normal

@@ -20,7 +20,7 @@ from zipfile import ZipFile
 import numpy as np
 
 from analyze.errors import ShapeError
-from analyze.geometry.polyhedron import without_degenerate
+from analyze.geometry.polyhedron import directed_edges, without_degenerate
 from analyze.types import Array, IntArray
 from schemas.object_spec import LengthUnit
 
@@ -59,7 +59,8 @@ UNITS_3MF = {
 def read_mesh(data: bytes, name: str, suffix: str, unit: LengthUnit) -> tuple[Array, IntArray]:
     """Read the triangles of a mesh file, in its unit, with the parts of a scene at their places.
 
-    Vertices within `SAME_VERTEX` of the mesh's extent are merged.
+    Vertices within `SAME_VERTEX` of the mesh's extent are merged, unless that leaves more edges without just
+    two faces than the file's own numbers do: bodies that touch then stay apart.
 
     Args:
         data: Content of the file.
@@ -76,7 +77,16 @@ def read_mesh(data: bytes, name: str, suffix: str, unit: LengthUnit) -> tuple[Ar
             vertices, or states another unit.
     """
     vertices, faces, _ = read_numbered_mesh(data, name, suffix, unit)
-    return _merged(vertices, faces)
+    own = without_degenerate(faces)
+    merged = _merged(vertices, faces)
+    return (vertices, own) if _odd_edges(own) < _odd_edges(merged[1]) else merged
+
+
+def _odd_edges(faces: IntArray) -> int:
+    """Number of edges that are not shared by just two of `faces` (f, 3)."""
+    edges = directed_edges(faces)
+    key = edges.min(axis=1) * (int(faces.max(initial=0)) + 1) + edges.max(axis=1)
+    return int(np.count_nonzero(np.unique(key, return_counts=True)[1] != 2))
 
 
 def read_numbered_mesh(

@@ -1,10 +1,12 @@
-"""Closing of a mesh's holes: flat ones flat, also with a slightly ragged rim, small ones by a fan."""
+"""Closing of a mesh's holes: flat ones flat, also with a slightly ragged rim, others by a fan."""
 
 # manifold3d is only partly typed.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 # pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import manifold3d
 import numpy as np
@@ -18,41 +20,53 @@ FLAT_HOLE = 0.01
 ROUGH_HOLE = 0.05
 """Deviation of a ragged rim, as at a scan's end, up to which the hole is closed over its projection."""
 SMALL_HOLE = 0.10
-"""Width of a hole, over the mesh's extent, up to which it is closed whatever its shape."""
-MAX_HOLES = 200
+"""Width of an uneven hole, over the mesh's extent, up to which the volume is known in spite of it."""
+MAX_HOLES = 2000
 """Largest number of holes that are closed."""
+MAX_CLOSED_SHARE = 0.4
+"""Largest fraction of the closed surface's area in faces that close holes; of a flat sheet it is 0.5."""
+REMEDY = "close the holes in a mesh editor, scan what is missing, or give a primitive (box, cylinder) instead"
+"""Remedy for a mesh that cannot be closed."""
 
 
-def fill_holes(vertices: Array, faces: IntArray, name: str) -> tuple[Array, IntArray, str]:
-    """Mesh with its holes closed: flat ones by a flat polygon, small uneven ones by a fan.
+class Filled(NamedTuple):
+    """Mesh whose holes have been closed."""
 
-    A fan is a ring of triangles between the hole's rim and the centroid of its corners.
+    vertices: Array
+    """(k, 3) vertices [m]."""
+    faces: IntArray
+    """(g, 3) faces; those that close holes come last."""
+    note: str
+    """Note on the holes for the user."""
+    doubt: str
+    """Reason why the volume is not known, such as a wide uneven hole; empty if it is known."""
+
+
+def fill_holes(vertices: Array, faces: IntArray, name: str) -> Filled:
+    """Mesh with its holes closed: flat ones by a flat polygon, uneven ones by a fan.
+
+    A fan is a ring of triangles between the hole's rim and the centroid of its corners. Over a wide uneven
+    hole the surface is unknown, and with it the volume.
 
     Args:
         vertices: (n, 3) vertices [m].
-        faces: (f, 3) faces, consistently wound.
+        faces: (f, 3) faces, consistently wound, whose open edges form simple rings (`mesh_shells.cut_apart`).
         name: Name of the file, for messages.
 
-    Returns:
-        Vertices (k, 3) [m], faces (g, 3) (those that close holes come last), and a note on the holes for the
-        user.
-
     Raises:
-        ShapeError: open edges do not form simple rings, there are more than `MAX_HOLES` holes, one is too
-            large and uneven, or edges stay open.
+        ShapeError: open edges do not form simple rings, there are more than `MAX_HOLES` holes, or most of the
+            surface is missing.
     """
     holes = polyhedron.open_edges(faces)
-    remedy = (
-        "close the holes in a mesh editor, scan what is missing, or give a primitive (box, cylinder) instead"
-    )
     loops = _loops(faces)
     if loops is None or len(loops) > MAX_HOLES:
         raise ShapeError(
-            f"{name}: not a closed body ({holes} open edges that do not form simple rings): {remedy}"
+            f"{name}: not a closed body ({holes} open edges that do not form simple rings): {REMEDY}"
         )
     extent = float(np.ptp(vertices, axis=0).max())
-    added: list[IntArray] = [faces]
-    widest = uneven = 0.0
+    added: list[IntArray] = []
+    middles: list[Array] = []
+    widest = uneven = doubtful = 0.0
     for loop in loops:
         ring = vertices[loop]
         centre = ring.mean(axis=0)
@@ -65,33 +79,50 @@ def fill_holes(vertices: Array, faces: IntArray, name: str) -> tuple[Array, IntA
             else None
         )
         if flat is None and width > SMALL_HOLE * extent:
-            part = 100 * width / extent
-            raise ShapeError(
-                f"{name}: not a closed body ({holes} open edges; one hole is {part:.0f} % of the size and "
-                f"not flat): {remedy}"
-            )
+            doubtful = max(doubtful, width)
         widest = max(widest, width)
         if rough > FLAT_HOLE * width:
             uneven = max(uneven, rough)
         if flat is None:
-            vertices = np.vstack([vertices, centre])
-            middle = np.full(len(loop), len(vertices) - 1)
+            middle = np.full(len(loop), len(vertices) + len(middles))
+            middles.append(centre)
             added.append(np.stack([np.roll(loop, -1), loop, middle], axis=1))
         else:
             added.append(loop[::-1][flat])
-    filled = np.vstack(added)
-    left = polyhedron.open_edges(filled)
-    if left:
-        raise ShapeError(f"{name}: not a closed body ({left} edges stay open): {remedy}")
-    part = 100 * widest / extent
+    vertices = np.vstack([vertices, *middles])
+    closing = np.vstack(added)
+    _refuse_fragment(vertices, faces, closing, f"{name}: not a closed body ({holes} open edges;")
+    filled = np.vstack([faces, closing])
+    if left := polyhedron.open_edges(filled):
+        raise ShapeError(f"{name}: not a closed body ({left} edges stay open): {REMEDY}")
     many = f"{len(loops)} holes were" if len(loops) > 1 else "a hole was"
     border = f", its rim uneven by {1000 * uneven:.1f} mm" if uneven else ""
-    what = f"{many} closed (the widest {part:.0f} % of the size{border})"
-    return (
+    what = f"{many} closed (the widest {100 * widest / extent:.0f} % of the size{border})"
+    doubt = f"a hole of {100 * doubtful / extent:.0f} % of the size is not flat" if doubtful else ""
+    return Filled(
         vertices,
         filled,
         f"{name}: {what}: check that nothing is missing there; no strike is planned on it",
+        doubt,
     )
+
+
+def _refuse_fragment(vertices: Array, faces: IntArray, closing: IntArray, what: str) -> None:
+    """Raise `ShapeError` if most of a closed mesh's area is that of the faces that close its holes.
+
+    Args:
+        vertices: (n, 3) vertices [m].
+        faces: (f, 3) faces of the mesh.
+        closing: (g, 3) faces that close its holes.
+        what: Start of the message.
+    """
+    given, missing = (
+        float(np.linalg.norm(polyhedron.area_vectors(vertices[each]), axis=1).sum())
+        for each in (faces, closing)
+    )
+    share = missing / (given + missing)
+    if share > MAX_CLOSED_SHARE:
+        raise ShapeError(f"{what} {100 * share:.0f} % of its surface is missing): {REMEDY}")
 
 
 def _flat_fill(outline: Array) -> IntArray | None:
@@ -117,15 +148,19 @@ def _flat_fill(outline: Array) -> IntArray | None:
 def _loops(faces: IntArray) -> list[IntArray] | None:
     """Rims of a mesh's holes: for each, its vertex indices (k,) in order round the hole.
 
-    The order follows the open edges of the adjoining faces. None if the open edges form no simple rings, or
-    an edge has more than two of `faces` (f, 3).
+    The order follows the open edges of the adjoining `faces` (f, 3): those that more of them run in one sense
+    than in the other. None if these form no simple rings.
     """
     edges = polyhedron.directed_edges(faces)
-    key = np.sort(edges, axis=1)
-    _, inverse, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
-    border = edges[count[inverse.ravel()] == 1]
-    if np.any(count > 2):
+    key = edges.min(axis=1) * (int(faces.max(initial=0)) + 1) + edges.max(axis=1)
+    _, inverse = np.unique(key, return_inverse=True)
+    sense = np.where(edges[:, 0] < edges[:, 1], 1, -1)
+    excess = np.bincount(inverse.ravel(), sense).astype(np.int64)[inverse.ravel()]
+    if np.any(np.abs(excess) > 1):
         return None
+    # Of several faces that run an edge alike, one is at the hole.
+    open_ones = np.flatnonzero(excess * sense > 0)
+    border = edges[open_ones[np.unique(key[open_ones], return_index=True)[1]]]
     following = dict(zip(border[:, 0].tolist(), border[:, 1].tolist(), strict=True))
     if len(following) != len(border):
         return None

@@ -1,8 +1,8 @@
-"""Repair of a mesh into one closed surface; repairs are reported, ambiguous defects are refused.
+"""Repair of a mesh into one closed surface; repairs are reported.
 
 Holes are closed first (`mesh_holes`); the closing faces are marked. Overlapping bodies are united
-(manifold3d); inner surfaces are dropped. A single surface that intersects itself is not repaired: inside and
-outside are ambiguous there.
+(manifold3d); inner surfaces are dropped. A single surface that intersects itself is kept: its volume counts
+once wherever the surface winds round a point.
 """
 
 # scipy and manifold3d are only partly typed.
@@ -22,8 +22,8 @@ from scipy.spatial import ConvexHull, QhullError
 from analyze.errors import ShapeError
 from analyze.geometry import polyhedron
 from analyze.geometry.mesh_holes import fill_holes
-from analyze.geometry.mesh_shells import separated
-from analyze.geometry.polyhedron import BoolArray
+from analyze.geometry.mesh_shells import cut_apart, separated
+from analyze.geometry.polyhedron import BoolArray, MassProperties
 from analyze.types import Array, IntArray
 
 MIN_VOLUME_RATIO = 1e-5
@@ -32,6 +32,10 @@ PROBES = 4000
 """Number of points at which the winding number is computed to find self-intersections."""
 MAX_MULTIPLE_SHARE = 0.002
 """Largest fraction of the volume that may have a winding number other than 1."""
+MASS_PROBES = 200_000
+"""Number of points from which the volume of a surface that intersects itself is computed."""
+TWO_SIDED_SHARE = 0.6
+"""Fraction of the faces left without repetitions up to which a surface has each triangle twice."""
 CRACK = 1e-5
 """Distance, over the mesh's extent, up to which vertices of open edges are merged."""
 
@@ -48,6 +52,10 @@ class ClosedMesh:
     """(f,) True for faces that close holes, where the true surface is unknown."""
     notes: tuple[str, ...]
     """Repairs made, in sentences for the user."""
+    properties: MassProperties
+    """Mass properties of the uniform solid."""
+    doubt: str = ""
+    """Reason why the volume is not known; empty if it is known."""
 
 
 def closed_mesh(vertices: Array, faces: IntArray, name: str) -> ClosedMesh:
@@ -63,36 +71,59 @@ def closed_mesh(vertices: Array, faces: IntArray, name: str) -> ClosedMesh:
         the repairs.
 
     Raises:
-        ShapeError: there are too many holes, holes without a simple rim, or large and uneven ones; the
-            surface intersects itself; or it is flat.
+        ShapeError: there are too many holes, most of the surface is missing, or it is flat.
     """
     notes: list[str] = []
     try:
         ConvexHull(vertices)
     except QhullError:
         raise ShapeError(f"{name}: all vertices lie in one plane: export the solid's exterior") from None
-    torn = polyhedron.open_edges(faces) > 0
+    repeated = _without_repeats(faces)
+    # A surface with each triangle on both its sides encloses nothing.
+    two_sided = len(repeated) <= TWO_SIDED_SHARE * len(faces)
+    torn = two_sided or polyhedron.open_edges(faces) > 0
     if torn:
         # Only for open meshes: two closed bodies that share a face need it twice.
-        faces = min(faces, _without_repeats(faces), key=polyhedron.open_edges)
+        faces = repeated if two_sided else min(faces, repeated, key=polyhedron.open_edges)
         vertices, faces = _without_cracks(vertices, faces)
     faces, body, turned = polyhedron.consistently_wound(faces)
-    added = np.zeros(len(faces), dtype=bool)
+    added, doubt = np.zeros(len(faces), dtype=bool), ""
     if torn and polyhedron.open_edges(faces):
-        vertices, faces, note = fill_holes(vertices, faces, name)
-        notes.append(note)
+        vertices, faces = cut_apart(vertices, _mostly_outward(vertices, faces))
+        filled = fill_holes(vertices, faces, name)
+        vertices, faces, doubt = filled.vertices, filled.faces, filled.doubt
+        notes.append(filled.note)
         added = np.arange(len(faces)) >= len(added)
         faces, body, more = polyhedron.consistently_wound(faces)
         turned = max(turned, more)
     body = _touching_apart(vertices, faces, body)
-    faces, inside_out = polyhedron.outward(vertices, faces, body)
+    inside_out = polyhedron.body_volumes(vertices, faces, body) < 0
+    faces, _ = polyhedron.outward(vertices, faces, body)
     if turned:
         notes.append(f"{name}: {turned} faces were wound against their neighbours and have been turned")
-    if inside_out:
-        notes.append(f"{name}: the normals pointed inwards and have been turned outwards")
-    vertices, faces, added = _exterior(vertices, faces, added, body, name, notes)
-    _refuse_self_crossing(vertices, faces, name)
-    return ClosedMesh(vertices, faces, added, tuple(notes))
+    vertices, faces, added = _exterior(vertices, faces, added, body, inside_out, name, notes)
+    properties, crossing = _mass_properties(vertices, faces, name)
+    notes += [crossing] if crossing else []
+    if doubt:
+        notes.append(f"{name}: {doubt}: its volume, and masses of inner parts with it, are not known")
+    return ClosedMesh(vertices, faces, added, tuple(notes), properties, doubt)
+
+
+def _mostly_outward(vertices: Array, faces: IntArray) -> IntArray:
+    """Faces (f, 3) of a mesh, all reversed if those at its hull's corners are mostly clockwise from outside.
+
+    Unlike the sign of the volume, this is sure for an open mesh too.
+
+    Args:
+        vertices: (n, 3) vertices [m].
+        faces: (f, 3) faces, consistently wound.
+    """
+    hull = ConvexHull(vertices)
+    outwards = np.zeros_like(vertices)
+    np.add.at(outwards, hull.simplices, hull.equations[:, None, :3])
+    across = polyhedron.area_vectors(vertices[faces])
+    agreement = float(np.einsum("fi,fki->", across, outwards[faces]))
+    return faces[:, ::-1] if agreement < 0 else faces
 
 
 def _touching_apart(vertices: Array, faces: IntArray, body: IntArray) -> IntArray:
@@ -106,9 +137,7 @@ def _touching_apart(vertices: Array, faces: IntArray, body: IntArray) -> IntArra
         faces: (f, 3) faces, consistently wound.
         body: (f,) number of the connected part of each face, by edges of exactly two faces alone.
     """
-    if polyhedron.body_volumes(vertices, faces, np.zeros_like(body))[0] < 0:
-        faces = faces[:, ::-1]
-    _, shell, closed = separated(vertices, faces)
+    _, shell, closed = separated(vertices, _mostly_outward(vertices, faces))
     return shell if closed.all() else body
 
 
@@ -140,7 +169,13 @@ def _without_cracks(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
 
 
 def _exterior(
-    vertices: Array, faces: IntArray, added: BoolArray, body: IntArray, name: str, notes: list[str]
+    vertices: Array,
+    faces: IntArray,
+    added: BoolArray,
+    body: IntArray,
+    inside_out: BoolArray,
+    name: str,
+    notes: list[str],
 ) -> tuple[Array, IntArray, BoolArray]:
     """Keep the outer bodies (connected parts) of a mesh, and unite those that overlap.
 
@@ -152,18 +187,21 @@ def _exterior(
         faces: (f, 3) faces, counter-clockwise from outside.
         added: (f,) True for faces that close holes.
         body: (f,) number of the body (connected part) of each face, from 0.
+        inside_out: (b,) True for bodies whose normals pointed inwards and have been turned: within another
+            body, such a one was a cavity.
         name: Name of the file, for the notes.
         notes: Notes on repairs, to which this function appends.
 
     Returns:
         Vertices (k, 3) [m], faces (g, 3), and mask (g,) of those that close holes.
     """
-    count = int(body.max()) + 1
-    if count == 1:
-        return vertices, faces, added
     volumes = polyhedron.body_volumes(vertices, faces, body)
     dust = volumes < MIN_VOLUME_RATIO * volumes.max()
     buried = _buried(vertices, faces, body, dust)
+    if np.any(inside_out & ~dust & ~buried):
+        notes.append(f"{name}: the normals pointed inwards and have been turned outwards")
+    if len(volumes) == 1:
+        return vertices, faces, added
     if dust.any():
         notes.append(f"{name}: {int(dust.sum())} specks without volume are left out")
     if buried.any():
@@ -263,29 +301,42 @@ def _united(
     )
 
 
-def _refuse_self_crossing(vertices: Array, faces: IntArray, name: str) -> None:
-    """Raise `ShapeError` if a closed surface intersects itself.
+def _mass_properties(vertices: Array, faces: IntArray, name: str) -> tuple[MassProperties, str]:
+    """Mass properties of the solid that a closed surface bounds, also where it intersects itself.
 
-    The surface's winding number is then neither 0 nor 1 at some points. It is computed at sample points; up
-    to `MAX_MULTIPLE_SHARE` of those inside may have another value.
+    Where a surface intersects itself, its winding number is neither 0 nor 1 at some points. If more than
+    `MAX_MULTIPLE_SHARE` of the sampled points inside have another value, volume, centroid and inertia are
+    those of the points about which the surface winds at all, each counted once.
 
     Args:
         vertices: (n, 3) vertices [m].
         faces: (f, 3) faces, counter-clockwise from outside.
-        name: Name of the file, for the message.
+        name: Name of the file, for the note.
+
+    Returns:
+        Mass properties, and a note for the user; empty if the surface does not intersect itself.
     """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     points = low + (high - low) * low_discrepancy(PROBES)
     times = polyhedron.winding(vertices, faces, points)
     inside = int(np.sum(times != 0))
     wrong = int(np.sum((times != 0) & (times != 1)))
-    if wrong > max(MAX_MULTIPLE_SHARE * inside, 2):
-        share = 100 * wrong / max(inside, 1)
-        raise ShapeError(
-            f"{name}: the surface intersects itself ({share:.1f} % of its inside counts twice or "
-            "negatively): unite the parts in the CAD program or a mesh editor, or give a primitive (box, "
-            "cylinder) instead"
-        )
+    if wrong <= max(MAX_MULTIPLE_SHARE * inside, 2):
+        return polyhedron.mass_properties(vertices, faces), ""
+    points = low + (high - low) * low_discrepancy(MASS_PROBES)
+    points = points[polyhedron.winding(vertices, faces, points) != 0]
+    arm = points - points.mean(axis=0)
+    second = arm.T @ arm / len(arm)
+    properties = MassProperties(
+        float(np.prod(high - low)) * len(points) / MASS_PROBES,
+        points.mean(axis=0),
+        np.trace(second) * np.eye(3) - second,
+    )
+    share = 100 * wrong / inside
+    return (
+        properties,
+        f"{name}: the surface intersects itself in {share:.1f} % of its inside: that counts once",
+    )
 
 
 def low_discrepancy(count: int) -> Array:

@@ -133,6 +133,49 @@ def separated(vertices: Array, faces: IntArray) -> tuple[IntArray, IntArray, Boo
     """
     faces, _, _ = polyhedron.consistently_wound(faces)
     count = len(faces)
+    owner = np.tile(np.arange(count), 3)
+    pairs, shell = _paired_edges(vertices, faces)
+    matched = np.bincount(owner[pairs.ravel()], minlength=count)
+    is_open = np.bincount(shell, matched < 3, minlength=int(shell.max(initial=-1)) + 1) > 0
+    return faces, shell, ~is_open[shell]
+
+
+def cut_apart(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
+    """Cut a mesh where more than two faces meet at an edge, or two fans of faces at a vertex.
+
+    Neighbours, by `separated`, stay connected. The open edges of the result form simple rings.
+
+    Args:
+        vertices: (n, 3) vertices.
+        faces: (f, 3) faces, consistently wound; most of the volume must be wound counter-clockwise from
+            outside.
+
+    Returns:
+        Vertices (k, 3), some of them at equal places, and faces (f, 3).
+    """
+    count = len(faces)
+    pairs, _ = _paired_edges(vertices, faces)
+    # Half edge h runs from corner h // count of face h % count to that face's next corner; corners are
+    # numbered as the half edges that start there.
+    start, end = pairs, (pairs + count) % (3 * count)
+    links = np.concatenate([np.stack([start[:, 0], end[:, 1]], 1), np.stack([end[:, 0], start[:, 1]], 1)])
+    corner = _components(links, 3 * count)
+    _, first, number = np.unique(corner, return_index=True, return_inverse=True)
+    return vertices[faces.T.ravel()[first]], number.reshape(3, count).T.astype(np.int64)
+
+
+def _paired_edges(vertices: Array, faces: IntArray) -> tuple[IntArray, IntArray]:
+    """Pairs of directed edges at which two faces are neighbours, and the shell of each face.
+
+    Args:
+        vertices: (n, 3) vertices.
+        faces: (f, 3) faces, consistently wound, most of the volume counter-clockwise from outside.
+
+    Returns:
+        Indices (l, 2) in the directed edges of `faces` (`polyhedron.directed_edges`), the two of a pair of
+        opposite sense; and the number (f,) of the shell (connected surface) of each face.
+    """
+    count = len(faces)
     edges = polyhedron.directed_edges(faces)
     owner = np.tile(np.arange(count), 3)
     forward = edges[:, 0] < edges[:, 1]
@@ -154,9 +197,7 @@ def separated(vertices: Array, faces: IntArray) -> tuple[IntArray, IntArray, Boo
     shell = _components(owner[pairs], count)
     # At an edge where angles decide nothing, faces that are connected elsewhere are neighbours.
     more = [run[pair][None] for run in ambiguous for pair in _by_shell(shell[owner[run]], forward[run])]
-    matched = np.bincount(owner[np.concatenate([pairs, *more]).ravel()], minlength=count)
-    is_open = np.bincount(shell, matched < 3, minlength=int(shell.max(initial=-1)) + 1) > 0
-    return faces, shell, ~is_open[shell]
+    return np.concatenate([pairs, *more]).astype(np.int64), shell
 
 
 def _wedges(vertices: Array, edges: IntArray, opposite: IntArray, forward: BoolArray) -> IntArray | None:

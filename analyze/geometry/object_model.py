@@ -10,7 +10,7 @@ The object frame O is that of the shape file; lengths are in metres.
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import PurePath
 from typing import Any, TypeVar
@@ -21,20 +21,17 @@ from scipy.spatial import ConvexHull, QhullError
 from analyze.errors import ShapeError
 from analyze.geometry import cloud_files, distance, mesh_files, polyhedron, scanned_surface
 from analyze.geometry.cloud_surface import CloudSurface, cloud_surface, line_sd
+from analyze.geometry.held_object import HeldModel, held_model, separate_bodies
 from analyze.geometry.mesh_repair import closed_mesh
 from analyze.geometry.plane_search import COARSE_PATCH_FRACTION
+from analyze.geometry.plausible_size import refuse_implausible, refuse_size
 from analyze.geometry.primitives import box_mesh, cylinder_mesh
+from analyze.geometry.scanned_hull import scan_note, scanned_hull
 from analyze.geometry.scanned_surface import ScannedSurface
 from analyze.geometry.surface_error import surface_sd
 from analyze.types import Array, IntArray
 from schemas.object_spec import Box, Cylinder, LengthUnit, ObjectSpec
 
-MIN_EXTENT = 0.005
-"""Smallest length of an object's longest edge [m]."""
-MAX_EXTENT = 1.5
-"""Largest length of an object's longest edge [m]."""
-DENSITIES = (2.0, 12_000.0)
-"""Plausible densities [kg/m^3]; lead has 11 300."""
 MODEL_ERROR = 0.004
 """Relative 1 sigma of each moment of inertia of a body modelled by cells: voxels, non-uniform shells."""
 LEVER_ERROR = 1e-4
@@ -91,11 +88,18 @@ class ObjectModel:
     """Fit of the exterior to a point cloud; None for other shapes."""
     scanned: ScannedSurface | None = None
     """Parts of the surface that a scan left out; None if all of it is known."""
+    held: HeldModel | None = None
+    """The object alone and its fixture, where it is struck in one; None if it stands by itself."""
 
     @property
     def extent(self) -> Array:
         """Edges (3,) of the bounding box along the object frame's axes [m]."""
         return self.bounds[1] - self.bounds[0]
+
+    @property
+    def own(self) -> ObjectModel:
+        """Exterior of the object without its fixture; this model itself where there is none."""
+        return self if self.held is None else self.held.alone
 
     def depth(self, points: Array) -> Array:
         """Depth (n,) [m] of points below the object's surface, positive inside.
@@ -190,7 +194,7 @@ def load_object_model(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: s
     shape = spec.shape
     if shape.box is not None:
         size = np.array(shape.box.size_m)
-        _refuse_implausible(f"{spec.name}: box", size, float(np.prod(size)), spec.mass_kg, None)
+        refuse_implausible(f"{spec.name}: box", size, float(np.prod(size)), spec.mass_kg, None)
         vertices, faces = box_mesh(size)
         return _model(spec, vertices, faces, polyhedron.mass_properties(vertices, faces), shape.box)
     if shape.cylinder is not None:
@@ -200,7 +204,7 @@ def load_object_model(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: s
         properties = polyhedron.MassProperties(
             np.pi * radius**2 * height, np.zeros(3), np.diag([across, across, radius**2 / 2])
         )
-        _refuse_implausible(f"{spec.name}: cylinder", size, properties.volume, spec.mass_kg, None)
+        refuse_implausible(f"{spec.name}: cylinder", size, properties.volume, spec.mass_kg, None)
         vertices, faces = cylinder_mesh(radius, height)
         return _model(spec, vertices, faces, properties, shape.cylinder)
     if shape_bytes is None or shape.unit is None:
@@ -216,12 +220,46 @@ def load_object_model(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: s
     if not mesh_files.is_mesh(shape_bytes, suffix):
         return _from_cloud(spec, shape_bytes, shape_name, suffix, shape.unit)
     vertices, faces = mesh_files.read_mesh(shape_bytes, shape_name, suffix, shape.unit)
-    _refuse_size(shape_name, np.ptp(vertices, axis=0) * shape.unit.metres, shape.unit)
-    mesh = closed_mesh(vertices * shape.unit.metres, faces, shape_name)
-    scanned = (
-        scanned_surface.scanned_mesh(mesh.vertices, mesh.faces, mesh.added) if mesh.added.any() else None
-    )
-    return _checked(spec, mesh.vertices, mesh.faces, shape_name, shape.unit, mesh.notes, None, scanned)
+    refuse_size(shape_name, np.ptp(vertices, axis=0) * shape.unit.metres, shape.unit)
+    model = _from_mesh(spec, vertices * shape.unit.metres, faces, shape_name)
+    if spec.fixture is None:
+        return model
+    held = _held(spec, shape_bytes, shape_name)
+    # That object and fixture are separate bodies is meant; what was repaired in the object is not.
+    return replace(model, held=held, warnings=held.alone.warnings)
+
+
+def _from_mesh(spec: ObjectSpec, vertices: Array, faces: IntArray, name: str) -> ObjectModel:
+    mesh = closed_mesh(vertices, faces, name)
+    added = mesh.added
+    scanned = scanned_surface.scanned_mesh(mesh.vertices, mesh.faces, added) if added.any() else None
+    surface = scanned_hull(mesh.vertices, mesh.faces, added, spec.shape.surface_sd_m)
+    notes = mesh.notes if surface is None else (*mesh.notes, scan_note(surface, name))
+    return _checked(spec, mesh.vertices, mesh.faces, mesh.properties, name, notes, surface, scanned)
+
+
+def exterior_model(
+    spec: ObjectSpec, vertices: Array, faces: IntArray, held: HeldModel | None = None
+) -> ObjectModel:
+    """Model of a closed surface that is not read from a file, as of a fixture that is designed.
+
+    Args:
+        spec: Object file, for the name and the error of the surface.
+        vertices: (n, 3) vertices [m], in the object frame O.
+        faces: (f, 3) faces, counter-clockwise from outside.
+        held: The object alone and its fixture; None if there is none.
+    """
+    properties = polyhedron.mass_properties(vertices, faces)
+    return replace(_model(spec, vertices, faces, properties, None), held=held)
+
+
+def _held(spec: ObjectSpec, shape_bytes: bytes, name: str) -> HeldModel:
+    """Exterior of the object without its fixture, and the fixture, from their common shape file."""
+    vertices, faces, fixture = separate_bodies(spec, shape_bytes, name)
+    mass = spec.mass_kg - sum(body.mass for body in fixture)
+    alone = spec.model_copy(update={"mass_kg": mass, "fixture": None, "held": None})
+    model = _from_mesh(alone, vertices, faces, name)
+    return held_model(model, fixture, spec)
 
 
 def _from_cloud(spec: ObjectSpec, data: bytes, name: str, suffix: str, unit: LengthUnit) -> ObjectModel:
@@ -229,7 +267,7 @@ def _from_cloud(spec: ObjectSpec, data: bytes, name: str, suffix: str, unit: Len
     points = points * unit.metres
     # Strays lie anywhere: the size is that of the middle 98 %.
     low, high = np.quantile(points, [0.01, 0.99], axis=0)
-    _refuse_size(name, high - low, unit)
+    refuse_size(name, high - low, unit)
     try:
         surface = cloud_surface(points)
     except (ValueError, ArithmeticError, QhullError) as error:
@@ -237,19 +275,15 @@ def _from_cloud(spec: ObjectSpec, data: bytes, name: str, suffix: str, unit: Len
         raise ShapeError(
             f"{name}: no exterior can be made of it ({reason}): scan the object from all sides"
         ) from None
-    if surface.table_overhang > 0:
-        raise ShapeError(
-            f"{name}: seems to contain the table: a plane without thickness extends "
-            f"{1000 * surface.table_overhang:.0f} mm beyond what stands on it: cut it off; if it is a thin "
-            "foot of the object, give a mesh"
-        )
+    if surface.overhang is not None:
+        raise ShapeError(f"{name}: {surface.overhang.refusal(surface.noise.sd)}")
     scanned = surface.scanned if surface.scanned.bare.any() else None
     return _checked(
         spec,
         surface.vertices,
         surface.faces,
+        polyhedron.mass_properties(surface.vertices, surface.faces),
         name,
-        unit,
         (*notes, *_cloud_notes(surface, spec, name)),
         surface,
         scanned,
@@ -305,20 +339,18 @@ def _checked(
     spec: ObjectSpec,
     vertices: Array,
     faces: IntArray,
+    properties: polyhedron.MassProperties,
     name: str,
-    unit: LengthUnit,
     notes: tuple[str, ...],
     cloud: CloudSurface | None,
     scanned: ScannedSurface | None,
 ) -> ObjectModel:
-    properties = polyhedron.mass_properties(vertices, faces)
-    extent = np.ptp(vertices, axis=0)
+    extent, content = np.ptp(vertices, axis=0), f"{properties.volume * 1e6:.3g} cm3"
     if properties.volume <= 1e-6 * float(extent.max()) ** 3:
         raise ShapeError(
-            f"{name}: encloses no volume ({properties.volume * 1e6:.3g} cm3): it is flat or folded: export "
-            "the solid's exterior"
+            f"{name}: encloses no volume ({content}): flat or folded: export the solid's exterior"
         )
-    _refuse_implausible(name, extent, properties.volume, spec.mass_kg, unit)
+    refuse_implausible(name, extent, properties.volume, spec.mass_kg, spec.shape.unit)
     return _model(spec, vertices, faces, properties, None, notes, cloud, scanned)
 
 
@@ -332,12 +364,12 @@ def _model(
     cloud: CloudSurface | None = None,
     scanned: ScannedSurface | None = None,
 ) -> ObjectModel:
-    hull = ConvexHull(vertices)
+    hull = ConvexHull(vertices if cloud is None else cloud.vertices)
     return ObjectModel(
         name=spec.name,
         vertices=vertices,
         faces=faces,
-        hull_vertices=vertices[hull.vertices],
+        hull_vertices=np.asarray(hull.points)[hull.vertices],
         hull_planes=hull.equations,
         volume=properties.volume,
         centroid=properties.centroid,
@@ -349,52 +381,3 @@ def _model(
         cloud=cloud,
         scanned=scanned,
     )
-
-
-def _refuse_implausible(
-    name: str, extent: Array, volume: float, mass: float, unit: LengthUnit | None
-) -> None:
-    _refuse_size(name, extent, unit)
-    density = mass / volume
-    if not DENSITIES[0] <= density <= DENSITIES[1]:
-        remedy = f"{_other_unit(float(extent.max()), unit)}, or correct mass_kg (in kilograms)"
-        raise ShapeError(
-            f"{name}: {_size(extent, unit)} at {mass:g} kg means {density:.3g} kg/m3, not "
-            f"{DENSITIES[0]:g} to {DENSITIES[1]:g}: {remedy}"
-        )
-
-
-def _refuse_size(name: str, extent: Array, unit: LengthUnit | None) -> None:
-    longest = float(extent.max())
-    if not MIN_EXTENT <= longest <= MAX_EXTENT:
-        raise ShapeError(
-            f"{name}: {_size(extent, unit)} is no object to strike (its longest edge must be "
-            f"{MIN_EXTENT:g} to {MAX_EXTENT:g} m): {_other_unit(longest, unit)}"
-        )
-
-
-def _size(extent: Array, unit: LengthUnit | None) -> str:
-    """Edges `extent` (3,) [m] of the bounding box in words, for messages, with the declared unit if any."""
-    scale, word = (1.0, "m") if float(extent.max()) > MAX_EXTENT else (1000.0, "mm")
-    given = "" if unit is None else f' with unit = "{unit.value}"'
-    return " x ".join(f"{edge * scale:.4g}" for edge in extent) + f" {word}{given}"
-
-
-def _other_unit(longest: float, unit: LengthUnit | None) -> str:
-    """Remedy for an implausible size, as text: a unit in which the longest edge is plausible, or advice.
-
-    Plausible for this advice are 0.03 m to 0.6 m.
-
-    Args:
-        longest: Longest edge [m] with the declared unit.
-        unit: Declared unit; None for a primitive.
-    """
-    if unit is None:
-        return "give box and cylinder in metres"
-    plain = longest / unit.metres
-    fits = [other for other in LengthUnit if other is not unit and 0.03 <= plain * other.metres <= 0.6]
-    if not fits:
-        return (
-            "no unit gives it a plausible size: export it anew, or give a box or cylinder with its dimensions"
-        )
-    return f'did you mean unit = "{fits[0].value}"?'

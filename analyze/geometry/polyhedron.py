@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,9 @@ BoolArray = NDArray[np.bool_]
 RAY_TURN = np.array([[0.9, 0.26807, -0.34397], [-0.32, 0.94157, -0.10507], [0.29571, 0.20463, 0.93310]])
 """Arbitrary rotation, so that no ray runs along a face or through an edge of a body aligned with its
 frame."""
+
+MAX_RAY_FACES = 100_000
+"""Number of pairs of a ray and a face that are tested at a time, which bounds the memory."""
 
 
 @dataclass(frozen=True)
@@ -160,6 +164,25 @@ def mass_properties(vertices: Array, faces: IntArray) -> MassProperties:
     return MassProperties(volume, origin + mean, np.trace(second) * np.eye(3) - second)
 
 
+def merged_solid(solids: Sequence[MassProperties]) -> MassProperties:
+    """Several solids of one density as one: volume [m^3], centroid [m], inertia tensor per kilogram [m^2].
+
+    The centroid is (3,); the tensor (3, 3) is about it. Frame and axes are those of `solids`.
+
+    Args:
+        solids: Solids that do not overlap; the volume of at least one is not 0.
+    """
+    volume = sum(one.volume for one in solids)
+    centroid = np.sum([one.volume * one.centroid for one in solids], axis=0) / volume
+    inertia = np.zeros((3, 3))
+    for one in solids:
+        arm = one.centroid - centroid
+        inertia = inertia + one.volume / volume * (
+            one.unit_inertia + (arm @ arm) * np.eye(3) - np.outer(arm, arm)
+        )
+    return MassProperties(volume, centroid, inertia)
+
+
 def first_hit(vertices: Array, faces: IntArray, origin: Array, direction: Array) -> float:
     """Distance [m] to the first face that a ray meets, from either side; inf if it meets none.
 
@@ -227,17 +250,21 @@ def winding(vertices: Array, faces: IntArray, points: Array) -> IntArray:
     where = np.floor((probe[:, :2] - lower) / step).astype(int)
     within = np.all((where >= 0) & (where < side), axis=1)
     crossings = np.zeros(len(points), dtype=np.int64)
-    for chunk in np.array_split(np.flatnonzero(within), max(1, len(points) // 20_000)):
-        if len(chunk):
-            home = where[chunk, 0] * side + where[chunk, 1]
-            many = start[home + 1] - start[home]
-            point = np.repeat(chunk, many)
-            offset = np.arange(len(point)) - np.repeat(np.cumsum(many) - many, many)
-            np.add.at(
-                crossings,
-                point,
-                _crossing(probe[point], corners[face[np.repeat(start[home], many) + offset]]),
-            )
+    inner = np.flatnonzero(within)
+    home = where[inner, 0] * side + where[inner, 1]
+    many = start[home + 1] - start[home]
+    # So many rays at a time that the memory for their faces stays small.
+    batch = np.cumsum(many) // MAX_RAY_FACES
+    cuts = np.flatnonzero(np.diff(batch)) + 1
+    for chunk in np.split(np.arange(len(inner)), cuts):
+        count = many[chunk]
+        point = np.repeat(inner[chunk], count)
+        offset = np.arange(len(point)) - np.repeat(np.cumsum(count) - count, count)
+        met = face[np.repeat(start[home[chunk]], count) + offset]
+        crossed = _crossing(probe[point], corners[met])
+        crossings[inner[chunk]] = np.bincount(
+            np.repeat(np.arange(len(chunk)), count), crossed, minlength=len(chunk)
+        )
     return crossings
 
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import trimesh
 
+from analyze.geometry.object_model import load_object_model
 from schemas.document import validate
 from schemas.object_spec import ObjectSpec
 
+SIZE = np.array([60.0, 50.0, 200.0])
+"""size of `box_mesh` [mm]"""
 IDENTITY = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
 
 
@@ -42,3 +46,19 @@ def obj(vertices, faces) -> bytes:
         f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces
     ]
     return ("\n".join(lines) + "\n").encode()
+
+
+def load(data: bytes, name: str, unit="mm", mass=0.05, **shape):
+    return load_object_model(spec_of({"file": name, "unit": unit, **shape}, mass), data, name)
+
+
+def box_mesh(size=SIZE, centre=(0, 0, 0)) -> trimesh.Trimesh:
+    return trimesh.creation.box(size, trimesh.transformations.translation_matrix(centre))
+
+
+def mesh_bytes(kind: str, mesh: trimesh.Trimesh) -> bytes:
+    if kind == "gltf":
+        files = trimesh.exchange.gltf.export_gltf(trimesh.Scene(mesh), embed_buffers=True)
+        return files["model.gltf"]
+    data = mesh.export(file_type=kind)
+    return data.encode() if isinstance(data, str) else data

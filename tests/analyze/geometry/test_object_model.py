@@ -129,7 +129,7 @@ def test_obj_file_in_centimetres():
 @pytest.mark.parametrize(
     ("triangles", "unit", "expected"),
     [
-        (box_triangles(SIZE)[[1, 2, 3, 4, 6, 7, 8, 9, 10, 11]], "mm", "open edges"),
+        (box_triangles(SIZE)[[1, 2, 4, 6]], "mm", "open edges"),
         (box_triangles(SIZE), "m", 'unit = "mm"'),
         (box_triangles(SIZE / 1000), "mm", 'unit = "m"'),
         (box_triangles(SIZE * [1, 1, 0]), "mm", "thing.stl: "),

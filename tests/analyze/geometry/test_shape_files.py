@@ -18,28 +18,10 @@ import trimesh
 
 from analyze.errors import ShapeError
 from analyze.geometry import cloud_files
-from analyze.geometry.object_model import load_object_model
-from tests.analyze.geometry.shapes import box_triangles, spec_of, stl
+from tests.analyze.geometry.shapes import SIZE, box_mesh, load, mesh_bytes
 
-SIZE = np.array([60.0, 50.0, 200.0])
 MESHES = ("stl", "obj", "ply", "glb", "gltf", "3mf")
 CLOUDS = ("ply", "pcd", "pcd-binary", "pcd-packed", "xyz", "las", "laz")
-
-
-def load(data: bytes, name: str, unit="mm", mass=0.05, **shape):
-    return load_object_model(spec_of({"file": name, "unit": unit, **shape}, mass), data, name)
-
-
-def box_mesh(size=SIZE, centre=(0, 0, 0)) -> trimesh.Trimesh:
-    return trimesh.creation.box(size, trimesh.transformations.translation_matrix(centre))
-
-
-def mesh_bytes(kind: str, mesh: trimesh.Trimesh) -> bytes:
-    if kind == "gltf":
-        files = trimesh.exchange.gltf.export_gltf(trimesh.Scene(mesh), embed_buffers=True)
-        return files["model.gltf"]
-    data = mesh.export(file_type=kind)
-    return data.encode() if isinstance(data, str) else data
 
 
 def box_cloud(noise=0.0, count=4000, seed=1, size=SIZE) -> np.ndarray:
@@ -176,63 +158,6 @@ def test_unused_vertices_are_ignored():
     assert np.allclose(load(data, "box.ply").extent, SIZE / 1000, atol=1e-7)
 
 
-def test_missing_bottom_is_closed_flat_and_reported():
-    cup = trimesh.creation.cylinder(30, 150, sections=64)
-    scan = trimesh.Trimesh(cup.vertices, cup.faces[cup.triangles_center[:, 2] > -74.9], process=False)
-    model = load(mesh_bytes("stl", scan), "cup.stl")
-    assert np.isclose(model.volume, cup.volume * 1e-9, rtol=1e-6)
-    assert "a hole was closed (the widest 40 % of the size)" in model.warnings[0]
-
-
-def test_large_uneven_hole_is_refused():
-    cup = trimesh.creation.cylinder(30, 150, sections=64)
-    bent = cup.vertices + np.outer(cup.vertices[:, 0] ** 2 / 60, [0, 0, 1])
-    scan = trimesh.Trimesh(bent, cup.faces[cup.triangles_center[:, 2] > -74.9], process=False)
-    with pytest.raises(ShapeError, match=r"not a closed body .*not flat\): close the holes in a mesh editor"):
-        load(mesh_bytes("stl", scan), "cup.stl")
-
-
-def test_small_uneven_hole_is_closed():
-    ball = trimesh.creation.icosphere(4, 40)
-    torn = trimesh.Trimesh(ball.vertices, np.delete(ball.faces, [10, 11, 12], axis=0), process=False)
-    model = load(mesh_bytes("ply", torn), "ball.ply")
-    assert np.isclose(model.volume, ball.volume * 1e-9, rtol=1e-3)
-    assert "closed" in model.warnings[0]
-
-
-def test_cracks_from_rounded_coordinates_are_closed():
-    triangles = box_triangles(SIZE) + np.random.default_rng(1).uniform(-2e-4, 2e-4, (12, 3, 3))
-    assert np.isclose(load(stl(triangles), "box.stl").volume, np.prod(SIZE) * 1e-9, rtol=1e-4)
-
-
-def test_overlapping_bodies_are_united():
-    post = box_mesh([20, 20, 120], (0, 0, 100))
-    model = load(
-        mesh_bytes("stl", trimesh.util.concatenate([box_mesh([60, 60, 100]), post])), "two.stl", mass=0.2
-    )
-    assert np.isclose(model.volume, (60 * 60 * 100 + 20 * 20 * 110) * 1e-9, rtol=1e-6)
-    assert any("2 bodies overlapped" in note for note in model.warnings)
-
-
-def test_separate_bodies_and_specks_are_reported():
-    far = box_mesh([20, 20, 20], (100, 0, 0))
-    dust = box_mesh([0.5, 0.5, 0.5], (300, 0, 0))
-    model = load(mesh_bytes("stl", trimesh.util.concatenate([box_mesh(), far, dust])), "count.stl", mass=0.2)
-    assert np.isclose(model.extent[0], 0.14)
-    assert any("2 separate bodies" in note for note in model.warnings)
-    assert any("1 specks" in note for note in model.warnings)
-
-
-def test_self_intersecting_surface_is_refused():
-    rod = trimesh.creation.cylinder(20, 200, sections=32).subdivide().subdivide()
-    x, y, z = rod.vertices.T
-    # Bent by more than a whole turn, so that the ends intersect.
-    turn = z / 200 * 2.4 * np.pi
-    bent = np.stack([(40 + x) * np.cos(turn), (40 + x) * np.sin(turn), y], axis=1)
-    with pytest.raises(ShapeError, match=r"intersects itself \(\d.*unite the parts"):
-        load(mesh_bytes("stl", trimesh.Trimesh(bent, rod.faces, process=False)), "rod.stl")
-
-
 def test_cloud_with_a_missing_bottom_is_closed_and_reported():
     points = box_cloud(noise=0.2, count=8000)
     model = load(*cloud_bytes("ply", points[points[:, 2] > -95]))
@@ -266,7 +191,7 @@ def test_thin_foot_is_not_taken_for_a_table(thickness):
     model = load(
         *cloud_bytes("xyz", points + np.random.default_rng(1).normal(0, 0.1, points.shape)), mass=0.2
     )
-    assert model.cloud.table_overhang == 0
+    assert model.cloud.overhang is None
 
 
 def cloud_text(row: str) -> tuple[bytes, str]:

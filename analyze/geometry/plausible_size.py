@@ -1,0 +1,77 @@
+"""Refuse a shape whose size or density no object has, mostly because of a wrong unit."""
+
+from __future__ import annotations
+
+from analyze.errors import ShapeError
+from analyze.types import Array
+from schemas.object_spec import LengthUnit
+
+MIN_EXTENT = 0.005
+"""Smallest length of an object's longest edge [m]."""
+MAX_EXTENT = 1.5
+"""Largest length of an object's longest edge [m]."""
+DENSITIES = (2.0, 12_000.0)
+"""Plausible densities [kg/m^3]; lead has 11 300."""
+
+
+def refuse_implausible(name: str, extent: Array, volume: float, mass: float, unit: LengthUnit | None) -> None:
+    """Raise ShapeError for a shape of implausible size or density, with a unit that would fit.
+
+    Args:
+        name: Name of the shape, for the message.
+        extent: (3,) edges of its bounding box [m].
+        volume: Its volume [m^3].
+        mass: Mass of the object [kg].
+        unit: Declared unit of the shape file; None for a primitive.
+    """
+    refuse_size(name, extent, unit)
+    density = mass / volume
+    if not DENSITIES[0] <= density <= DENSITIES[1]:
+        remedy = f"{_other_unit(float(extent.max()), unit)}, or correct mass_kg (in kilograms)"
+        raise ShapeError(
+            f"{name}: {_size(extent, unit)} at {mass:g} kg means {density:.3g} kg/m3, not "
+            f"{DENSITIES[0]:g} to {DENSITIES[1]:g}: {remedy}"
+        )
+
+
+def refuse_size(name: str, extent: Array, unit: LengthUnit | None) -> None:
+    """Raise ShapeError unless the longest edge (3,) [m] is that of an object to strike.
+
+    Args:
+        name: Name of the shape, for the message.
+        extent: (3,) edges of its bounding box [m].
+        unit: Declared unit of the shape file; None for a primitive.
+    """
+    longest = float(extent.max())
+    if not MIN_EXTENT <= longest <= MAX_EXTENT:
+        raise ShapeError(
+            f"{name}: {_size(extent, unit)} is no object to strike (its longest edge must be "
+            f"{MIN_EXTENT:g} to {MAX_EXTENT:g} m): {_other_unit(longest, unit)}"
+        )
+
+
+def _size(extent: Array, unit: LengthUnit | None) -> str:
+    """Edges `extent` (3,) [m] of the bounding box in words, for messages, with the declared unit if any."""
+    scale, word = (1.0, "m") if float(extent.max()) > MAX_EXTENT else (1000.0, "mm")
+    given = "" if unit is None else f' with unit = "{unit.value}"'
+    return " x ".join(f"{edge * scale:.4g}" for edge in extent) + f" {word}{given}"
+
+
+def _other_unit(longest: float, unit: LengthUnit | None) -> str:
+    """Remedy for an implausible size, as text: a unit in which the longest edge is plausible, or advice.
+
+    Plausible for this advice are 0.03 m to 0.6 m.
+
+    Args:
+        longest: Longest edge [m] with the declared unit.
+        unit: Declared unit; None for a primitive.
+    """
+    if unit is None:
+        return "give box and cylinder in metres"
+    plain = longest / unit.metres
+    fits = [other for other in LengthUnit if other is not unit and 0.03 <= plain * other.metres <= 0.6]
+    if not fits:
+        return (
+            "no unit gives it a plausible size: export it anew, or give a box or cylinder with its dimensions"
+        )
+    return f'did you mean unit = "{fits[0].value}"?'
