@@ -13,11 +13,11 @@ The fastest strike accelerates over the whole angle from the cocked position.
 """
 ARM_LENGTH_M, COCKED_ANGLE_RAD, VELOCITY_LIMIT_RAD_S = 0.12, -0.6, 8.0
 """Arm length [m], cocked (raised) angle [rad] and speed limit [rad/s] of the nominal striker."""
-MIN_TAG_EDGE_PX = 60.0
-"""Smallest mean edge of a tag's black square in the image [px].
-
-At 80 px the angle's noise is 0.07 deg a frame; it grows as 1/edge².
-"""
+MIN_TAG_EDGE_PX = 30.0
+"""Smallest mean edge of a tag's black square in the image [px]; narrower tags are lost in some frames."""
+GOOD_TAG_EDGE_PX = 60.0
+"""Mean edge of a tag's black square in the image [px] below which the angle's noise is noticeable: it
+grows as 1/edge², from 0.010 deg a frame at 60 px to 0.036 deg at 30 px (`make bench-tags`)."""
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,14 @@ class TagFamily(enum.StrEnum):
     ARUCO_7X7_1000 = "7x7_1000"
     ARUCO_MIP_36H12 = "mip_36h12"
 
+    @classmethod
+    def _missing_(cls, value: object) -> TagFamily | None:
+        """Family by AprilTag's or OpenCV's name, such as tag36h11 or DICT_4X4_50; None if unknown."""
+        plain = str(value).lower()
+        for prefix in ("dict_", "apriltag_", "aruco_", "tag"):
+            plain = plain.removeprefix(prefix)
+        return next((family for family in cls if family.value == plain), None)
+
     @property
     def size(self) -> int:
         """Number of tags in the family; ids run from 0 to size - 1."""

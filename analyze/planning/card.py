@@ -14,11 +14,11 @@ from analyze.types import Array
 from schemas.object_spec import ObjectSpec
 
 TURNED_CARD = (
-    "This strike is turned by 180 degrees, to measure the table's tilt. Put the striker's stand on the other "
+    "This strike is turned by 180 degrees, {purpose}. Put the striker's stand on the other "
     "side of the line, at the mark, so that it swings back towards the line; the object then stands on that "
     "side too and tips the other way. Leave the camera where it is. "
 )
-"""Text that precedes the card of a turned strike."""
+"""Text that precedes the card of a turned strike, with its purpose."""
 
 
 def placement_card(

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from analyze.geometry.object_model import ObjectModel
+from analyze.geometry.station import turned_camera
 from analyze.planning import feasibility, impact, view
 from analyze.planning.hypothesis import Hypothesis
 from analyze.planning.impact import ImpactPoint, StrikerModel
@@ -20,6 +21,8 @@ from schemas.strike_plan import Rejection
 
 MAX_PHI = np.radians(50.0)
 """Largest balance angle phi [rad] of a usable axis."""
+TURNED = float(np.pi)
+"""Heading [rad] of a strike with object and striker turned, at which the camera sees the edge's other end."""
 ENERGIES = (1.15, 1.1, 1.2, 1.05, 1.25, 1.3)
 """Energy ratios E (energy over that needed to reach balance), tried in this order until the edge holds."""
 
@@ -38,6 +41,8 @@ class Bench:
     """Gravity [m/s^2]."""
     frame_rate: float = FRAME_RATE
     """Frame rate of the camera [Hz]."""
+    has_plate: bool = False
+    """True if an upright plate that the striker can meet is assumed on the object."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +85,12 @@ class _Reached:
 
 
 def examine(
-    model: ObjectModel, spec: ObjectSpec, axes: Sequence[PivotAxis], believed: Hypothesis, bench: Bench
+    model: ObjectModel,
+    spec: ObjectSpec,
+    axes: Sequence[PivotAxis],
+    believed: Hypothesis,
+    bench: Bench,
+    heading: float = 0.0,
 ) -> tuple[list[UsableAxis], list[Rejection]]:
     """Check axes for a marker in view, an impact point and tip speed in reach, and an edge that holds.
 
@@ -92,10 +102,12 @@ def examine(
         axes: Pivot axes to check.
         believed: Region believed to hold the centre of mass, and the inertia per kilogram.
         bench: Striker, camera and table.
+        heading: Turn [rad] of object and striker about the vertical; the camera stays.
 
     Returns:
         Usable axes in the order given, and one rejection for each of the others.
     """
+    bench = replace(bench, camera=turned_camera(bench.camera, heading))
     outcomes = [_reach(model, spec, axis, believed, bench) for axis in axes]
     rejected = [each for each in outcomes if isinstance(each, Rejection)]
     reached = [each for each in outcomes if isinstance(each, _Reached)]
@@ -115,7 +127,7 @@ def examine(
     covariances = strike_covariances([seen for _, seen, _ in passed], bench.frame_rate)
     usable = [
         UsableAxis(
-            Candidate(each.axis, each.expected, noise),
+            Candidate(each.axis, each.expected, noise, heading),
             each.point,
             seen.energy,
             friction,
@@ -133,7 +145,8 @@ def _reach(
     """Expected swing, impact point and visible markers of an axis; a rejection if it lacks one of them.
 
     The swing is that of the expected centre of mass: balance angle [rad], rate and lever arm. An axis that
-    balances beyond the angle `MAX_PHI` is rejected too.
+    balances beyond the angle `MAX_PHI` is rejected too, and one whose rounding has its centre above that of
+    mass: the object rolls back from any angle.
 
     Args:
         model: Shape of the object.
@@ -143,6 +156,15 @@ def _reach(
         bench: Striker, camera and table.
     """
     expected = swing(axis, believed.region.centre, spec.mass_kg, believed.unit_inertia, bench.gravity)
+    below = float((axis.point - believed.region.centre) @ axis.plane.up)
+    if below >= 0:
+        return _reject(
+            axis,
+            "no_balance",
+            below,
+            f"has no balance angle: the centre of its rounding, of {1000 * axis.radius:.0f} mm radius, is "
+            f"{1000 * below:.1f} mm above the expected centre of mass, so that the object rolls back",
+        )
     if expected.phi > MAX_PHI:
         return _reject(
             axis,
@@ -161,9 +183,10 @@ def _reach(
         swing(axis, believed.region.centre + sign * rise, spec.mass_kg, believed.unit_inertia, bench.gravity)
         for sign in (-1, 1)
     ]
-    point = impact.best_impact(
-        impact.impact_points(model, axis, swings, cards, bench.striker), bench.friction
-    )
+    points = impact.impact_points(model, axis, swings, cards, bench.striker)
+    if bench.has_plate and not points:
+        points = impact.plate_points(model, axis, swings, bench.striker)
+    point = impact.best_impact(points, bench.friction)
     if point is None:
         text = (
             "beside the edge's middle there is no upright surface that the striker can meet without touching "

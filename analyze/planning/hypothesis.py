@@ -121,9 +121,27 @@ def hypothesis(model: ObjectModel) -> Hypothesis:
     - `FILLING_ASYMMETRY` of the half extent, since a symmetric exterior may hide an asymmetric filling.
 
     Axes with nearly equal spread share one half edge. Q is a box [m] in the object frame O, the inertia
-    (3, 3) is per kilogram [m^2], along O's axes. The result is cached on the model.
+    (3, 3) is per kilogram [m^2], along O's axes. Of an object in a fixture of known mass this holds for the
+    object alone; the fixture adds its own mass, and Q shrinks by the object's share. The result is cached on
+    the model.
     """
-    return model.cached("hypothesis", _hypothesis)
+    return model.cached("hypothesis", _hypothesis if model.held is None else _with_fixture)
+
+
+def _with_fixture(model: ObjectModel) -> Hypothesis:
+    """Hypothesis of an object and its fixture, from that of the object alone and the known fixture."""
+    held = model.held
+    if held is None:
+        return _hypothesis(model)
+    alone = _hypothesis(held.alone)
+    region, total = alone.region, held.mass + held.fixture_mass
+    # The object's place in the fixture, and the fixture's own centre, move c as well.
+    loose = held.mass * held.place_sd + sum(body.mass * body.com_sd for body in held.fixture)
+    half = (held.mass * region.half + 2 * loose) / total
+    return Hypothesis(
+        Region(held.com_struck(region.centre), region.axes, half, region.groups),
+        held.unit_inertia_struck(region.centre, alone.unit_inertia),
+    )
 
 
 def _hypothesis(model: ObjectModel) -> Hypothesis:

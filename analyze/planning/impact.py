@@ -71,6 +71,10 @@ class StrikerModel:
         )
 
 
+HAND = StrikerModel(slowest_m_s=0.02, fastest_m_s=5.0, lowest_m=0.005, highest_m=1.0)
+"""A hand's flick: nearly any speed, at any height of a table-top object."""
+
+
 @dataclass(frozen=True)
 class ImpactPoint:
     """Place on the object's surface to strike, and the friction that holds the pivot edge in place then.
@@ -139,6 +143,33 @@ def impact_points(
         friction = [friction_at_impact(each, height) for each in swings]
         near = bool(np.any(np.linalg.norm(point - centres, axis=1) < near_to))
         result.append(ImpactPoint(height, point, friction[0], max(friction), near))
+    return result
+
+
+def plate_points(
+    model: ObjectModel, axis: PivotAxis, swings: Sequence[Swing], striker: StrikerModel
+) -> list[ImpactPoint]:
+    """Impact points on an upright plate behind an object, which the striker's tip can meet at every height.
+
+    The plate is as high as the object, and its mass is neglected.
+
+    Args:
+        model: Shape of the object.
+        axis: Pivot axis (edge about which the object tips).
+        swings: Expected swing, then swings for other places of the centre of mass, as of `impact_points`.
+        striker: Striker, for its reach.
+
+    Returns:
+        Impact points from the lowest to the highest; empty if the object is too low.
+    """
+    R, p = axis.R_world_object, axis.p_world_object
+    world = model.hull_vertices @ R.T + p
+    top = min(float(world[:, 2].max()) - MIN_DEPTH_BELOW_TOP, striker.highest_m)
+    result: list[ImpactPoint] = []
+    for height in np.arange(striker.lowest_m, top, HEIGHT_STEP).tolist():
+        point = R.T @ (np.array([float(world[:, 0].min()), 0.0, height]) - p)
+        friction = [friction_at_impact(each, height) for each in swings]
+        result.append(ImpactPoint(height, point, friction[0], max(friction), on_card=False))
     return result
 
 

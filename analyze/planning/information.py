@@ -32,8 +32,6 @@ AXIS_COUNT = 4
 Each further heading of the axis has one more angle."""
 ANGLE = 2
 """Index of the angle among an axis's unknowns."""
-USUAL_HEADING = 0.0
-"""Heading of planned strikes [rad]."""
 SOURCES = {
     "mass": (MASS,),
     "gravity": (GRAVITY,),
@@ -84,6 +82,8 @@ class Candidate:
     """Swing about it for the expected centre of mass."""
     noise: Array
     """(2, 2) covariance of phi [rad] and ln k from one strike."""
+    heading: float = 0.0
+    """Turn [rad] of object and striker about the vertical for the strikes to be planned."""
 
     @property
     def normal(self) -> Array:
@@ -210,7 +210,7 @@ class Information:
         shared[1, INERTIA] = -moment_row(axis.direction) / i_edge
         shared[1, MASS] = 1 - m * (R + rho) ** 2 / i_edge
         shared[1, GRAVITY] = 1.0
-        shared[0, TILT] = 1.0
+        shared[0, TILT] = np.cos(each.heading)
         shared[:, SCALE] = -(shared[:, COM] @ axis.point)
         if not axis.moulded:
             # A larger radius moves the centre line inwards: up and away from the tip.
@@ -226,23 +226,23 @@ class Information:
         """Inverse covariance (2, 2) of phi [rad] and ln k from strikes on one axis, made and planned.
 
         phi is the balance angle, k the rate constant [rad/s^2] of the tip theta'' = -k sin(phi - theta). Of
-        the strikes made, those at the usual heading (turn of object and striker about the vertical) count.
+        the strikes made, those at the axis's heading (turn of object and striker about the vertical) count.
 
         Args:
             each: the axis.
             strikes: number of planned strikes, added to those made.
         """
         return strikes * self._linearised(each)[2] + self.belief.made.get(each.axis.id, {}).get(
-            USUAL_HEADING, np.zeros((2, 2))
+            each.heading, np.zeros((2, 2))
         )
 
     def measurements(self, each: Candidate, strikes: int) -> tuple[Array, Array, Array]:
         """Linear model of the measurements of strikes on one axis, at each of its h headings.
 
-        A heading is the turn [rad] of object and striker about the vertical; the usual one always counts.
-        Included are the strikes made before, and `strikes` more at the usual heading. The table's tilt
-        towards the world's +x changes phi at heading a by cos a of what it does at the usual one. At a
-        further heading the camera sees another tag, which has its own angle error.
+        A heading is the turn [rad] of object and striker about the vertical; that of the axis always counts.
+        Included are the strikes made before, and `strikes` more at the axis's heading. The table's tilt
+        towards the world's +x changes phi at heading a by cos a of what it does at heading 0. At a further
+        heading the camera sees another tag, which has its own angle error.
 
         Args:
             each: Axis, with its expected swing and the noise of one strike.
@@ -254,13 +254,13 @@ class Information:
             the axis: its line's place towards the tip and upwards, an angle error, an error of ln k, and one
             more angle error for each further heading; and the inverse covariance (2h, 2h) of the rows. All
             unknowns are in units of their prior 1 sigma. Rows are phi (balance angle, rad) and ln k (k the
-            tip's rate constant) of each heading, the usual one first.
+            tip's rate constant) of each heading, the axis's own first.
         """
         shared, own, _ = self._linearised(each)
         turned = [
             (heading, made)
             for heading, made in self.belief.made.get(each.axis.id, {}).items()
-            if heading != USUAL_HEADING
+            if heading != each.heading
         ]
         many = 1 + len(turned)
         all_shared, all_own = np.tile(shared, (many, 1)), np.zeros((2 * many, AXIS_COUNT + many - 1))
@@ -269,7 +269,7 @@ class Information:
         weight[:2, :2] = self.weight(each, strikes)
         for i, (heading, made) in enumerate(turned, start=1):
             phi = 2 * i
-            all_shared[phi, TILT] *= np.cos(heading)
+            all_shared[phi, TILT] = np.cos(heading) * self.units[TILT]
             all_own[phi, AXIS_COUNT + i - 1], all_own[phi, ANGLE] = all_own[phi, ANGLE], 0.0
             weight[phi : phi + 2, phi : phi + 2] = made
         return all_shared, all_own, weight
@@ -279,8 +279,8 @@ class Information:
 
         Shared are centre of mass (3), inertia (6), and the errors of mass, gravity, gravity's tilt, the
         shape's scale and the edges' radius, in units of their prior 1 sigma. The information covers the
-        strikes made before on the axis `each`, and `strikes` more at the usual heading (turn of object and
-        striker about the vertical). The axis's own unknowns (its line's place, angle errors, an error of
+        strikes made before on the axis `each`, and `strikes` more at its heading (turn of object and striker
+        about the vertical). The axis's own unknowns (its line's place, angle errors, an error of
         ln k, with k the tip's rate constant) are integrated out. The result is cached.
         """
         asked = (id(each), strikes)

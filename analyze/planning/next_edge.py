@@ -108,6 +108,43 @@ def over_next_line(axis: PivotAxis) -> PivotAxis | None:
     return replace(axis, point=point, radius=line.radius_m, next_edge=left, placed=axis)
 
 
+def over_close_lines(model: ObjectModel, axis: PivotAxis, region: Region) -> PivotAxis | None:
+    """Pivot axis amid close lines over which the object turns in succession; None if they are not close.
+
+    A small rounding is a few facets in a mesh, and a bevel one: lines at most `MEASURABLE_SHIFT_M` apart. The
+    axis lies in the middle of those that carry at balance for some centre of mass in the region. Half the
+    distance from the first line to the last of them is added to the standard deviation of its place, so that
+    the analysis of a strike takes all of them for one. A line farther away must not carry for any centre of
+    mass in the region scaled by `CARRYING_SHARE`.
+
+    Args:
+        model: Shape of the object.
+        axis: Pivot axis with a next edge.
+        region: Region believed to hold the centre of mass, in the object frame.
+    """
+    across = np.stack([axis.tip, axis.plane.up])
+    points = (model.hull_vertices - axis.point) @ across.T
+    supports = support_lines(points, axis.radius, axis.sd, join_curves=False)
+    firm = [math.inf, *(_firmness(axis, region, supports, i) for i in range(1, len(supports))), math.inf]
+    off = _edge_offset(model, axis)
+    near = [_apart(line, supports[0]) + off <= MEASURABLE_SHIFT_M and not line.is_curve for line in supports]
+    last = near.index(False) - 1 if False in near else len(near) - 1
+    if last < 0 or firm[last + 1] <= CARRYING_SHARE:
+        return None
+    last = next(i for i in range(last + 1) if firm[i + 1] > 1 or i == last)
+    first = max(i for i in range(last + 1) if i == 0 or firm[i] < -1)
+    low, high = supports[first].along_m - (0.0 if first else off), supports[last].along_m
+    spread = _apart(supports[last], supports[0]) + off
+    after = (
+        NextEdge(supports[last + 1].takes_over_rad, _apart(supports[last + 1], supports[0]), firm[last + 1])
+        if last + 1 < len(supports)
+        else None
+    )
+    point = axis.point + axis.tip * (low + high) / 2
+    sd = math.hypot(axis.sd, spread / 2)
+    return replace(axis, point=point, sd=sd, next_edge=after, lines_apart=spread)
+
+
 def _edge_offset(model: ObjectModel, axis: PivotAxis) -> float:
     """Distance [m] along the table from the planned edge to the corner that touches just after rest.
 
@@ -217,6 +254,17 @@ def doubtful_note(used: Sequence[PivotAxis]) -> str:
         f"place, but whose neighbour may touch the table before: {listed}. A strike that balances over the "
         "neighbour counts for that one if the motion shows it; else it gets the verdict wrong_edge and is "
         "left out: plan again with --given RECORDING, from which the centre of mass is known better"
+    )
+
+
+def close_lines_note(used: Sequence[PivotAxis]) -> str:
+    """Note that a plan uses rounded or bevelled edges whose line is known less well; empty if none."""
+    listed = ", ".join(f"{axis.id} (± {1000 * axis.sd:.1f} mm)" for axis in used if axis.lines_apart)
+    if not listed:
+        return ""
+    return (
+        f"small bevels or coarse roundings of the shape leave open which line carries the object: {listed}. "
+        "A finer mesh of the roundings, or sharper edges, would determine the centre of mass better"
     )
 
 

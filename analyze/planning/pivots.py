@@ -9,20 +9,15 @@ import numpy as np
 
 from analyze.geometry.edge_radius import edge_radius
 from analyze.geometry.object_model import ObjectModel
-from analyze.geometry.polyhedron import BoolArray
-from analyze.geometry.rotations import plane_basis
 from analyze.motion.moulded import moulded_radius
 from analyze.planning.hypothesis import Hypothesis
+from analyze.planning.rims import rim_headings, round_rim
 from analyze.planning.stable_planes import RestingPlane
 from analyze.types import Array, SupportLine
 from schemas.object_spec import ObjectSpec
 
 BRIDGED_SD = 3e-4
 """1 sigma [m] of an edge that bridges two corners and at which no face ends."""
-RIM_TURN = np.radians(20.0)
-"""Angle [rad] between successive edges below which they belong to a round rim."""
-RIM_EDGES = 5
-"""Smallest number of edges of a round rim."""
 FACET_WIDTH_FRACTION = 0.03
 """Width of a face, over the object's extent, up to which it is a facet of a round flank."""
 TOUCHING_FRACTION = 3e-4
@@ -84,6 +79,9 @@ class PivotAxis:
     edges."""
     next_edge: NextEdge | None = None
     """Edge that takes over as the object tips on; None if there is none, or it was not looked for."""
+    lines_apart: float = 0.0
+    """Distance [m] of the outermost of several close lines, as of a bevel, in the middle of which this axis
+    lies; 0 for a single line."""
     placed: PivotAxis | None = None
     """Edge of the resting face by which the object is placed, if this line only takes over from it before
     balance; None if the object turns over this line from rest on."""
@@ -161,8 +159,7 @@ def pivot_axes(
     """Pivot axes (lines about which the object tips): edges of support polygons, tangents of round rims.
 
     Edges are left out if the expected centre of mass does not lie between their ends along the edge: the
-    object would yaw instead of tipping. A rim gives a tangent for each marker that then faces the camera, or
-    one every 45 degrees if no marker has a pose.
+    object would yaw instead of tipping. A rim gives tangents (`rim_headings`).
 
     Args:
         model: Shape of the object.
@@ -174,29 +171,18 @@ def pivot_axes(
     for plane in planes:
         start, end = plane.edges
         out = plane.outward
-        rim = _round_rim(plane)
+        rim = round_rim(plane)
         beside = believed.region.centre
         for i in np.flatnonzero(np.logical_not(rim)):
             direction = np.cross(plane.up, out[i])
             along = [float(direction @ (corner - beside)) for corner in (start[i], end[i])]
             if min(along) < 0 < max(along):
                 axes.append(_axis(f"{plane.id}e{i}", model, spec, plane, out[i], (start[i], end[i]), beside))
-        if rim.any():
-            for number, tip in enumerate(_rim_headings(plane, spec)):
-                contact = plane.polygon[int(np.argmax(plane.polygon @ tip))]
-                if rim[int(np.argmax(out @ tip))]:
-                    axes.append(
-                        _axis(
-                            f"{plane.id}t{number}",
-                            model,
-                            spec,
-                            plane,
-                            tip,
-                            (contact, contact),
-                            beside,
-                            rolls=True,
-                        )
-                    )
+        tips = rim_headings(plane, rim, spec, beside) if rim.any() else []
+        for number, tip in enumerate(tips):
+            contact = plane.polygon[int(np.argmax(plane.polygon @ tip))]
+            name = f"{plane.id}t{number}"
+            axes.append(_axis(name, model, spec, plane, tip, (contact, contact), beside, rolls=True))
     return axes
 
 
@@ -344,41 +330,3 @@ def wall_lean(
     best = int(np.argmax(forward / np.maximum(np.hypot(forward, normals @ np.cross(up, tip)), 1e-12)))
     lean = float(np.arctan2(height[best], forward[best]))
     return lean if abs(lean) < STEEPEST_WALL else None
-
-
-def _round_rim(plane: RestingPlane) -> BoolArray:
-    """Mask (k,), True for those of the k edges of a resting face that belong to a round rim.
-
-    The edges are those of the support polygon, the convex outline of the face on the table. An edge belongs
-    to a rim if it turns by less than `RIM_TURN` (20 deg) against both neighbours. All are False if there are
-    fewer than `RIM_EDGES` (5) such edges.
-    """
-    out = plane.outward
-    turn = np.arccos(np.clip(np.einsum("ki,ki->k", out, np.roll(out, -1, axis=0)), -1, 1))
-    gentle = turn < RIM_TURN
-    round_edge = gentle & np.roll(gentle, 1)
-    return round_edge if round_edge.sum() >= RIM_EDGES else np.zeros(len(out), dtype=bool)
-
-
-def _rim_headings(plane: RestingPlane, spec: ObjectSpec) -> list[Array]:
-    """Unit directions (3,) in the object frame in which the object can tip over a round rim.
-
-    There is one for each marker on an upright face, so that the camera, which looks along the edge, sees this
-    marker. If no marker has a pose, there is one every 45 degrees. Directions less than 5 degrees from an
-    earlier one are left out.
-    """
-    headings: list[Array] = []
-    for marker in spec.marker:
-        if marker.T_object_marker is not None:
-            normal = np.array(marker.T_object_marker)[:3, 2]
-            flat = normal - plane.up * float(normal @ plane.up)
-            if np.linalg.norm(flat) > 0.9:
-                headings.append(np.cross(plane.up, flat / np.linalg.norm(flat)))
-    if all(marker.T_object_marker is None for marker in spec.marker):
-        u, v = plane_basis(plane.up)
-        headings = [np.cos(a) * u + np.sin(a) * v for a in np.arange(8) * np.pi / 4]
-    distinct: list[Array] = []
-    for heading in headings:
-        if all(heading @ other < np.cos(np.radians(5)) for other in distinct):
-            distinct.append(heading)
-    return distinct

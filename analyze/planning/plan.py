@@ -11,16 +11,15 @@ from analyze.errors import PlanError
 from analyze.geometry.station import turned_camera
 from analyze.planning import design, forecast, impact
 from analyze.planning.card import TURNED_CARD, placement_card
-from analyze.planning.examine import UsableAxis
+from analyze.planning.examine import TURNED, UsableAxis
 from analyze.planning.fillings import Pieces, region_forecast
 from analyze.planning.footing import unsure_note
 from analyze.planning.information import Information
-from analyze.planning.next_edge import doubtful_note, taken_over_note
-from analyze.planning.pivots import PivotAxis, pivot_axes
+from analyze.planning.next_edge import close_lines_note, doubtful_note, taken_over_note
+from analyze.planning.pivots import PivotAxis
 from analyze.planning.prepared import PreparedObject
-from analyze.planning.refusal import axis_normals, refusal_message
+from analyze.planning.refusal import refusal_message
 from analyze.planning.turned_strike import (
-    TURNED,
     TurnableAxis,
     best_turnable,
     turnable_axes,
@@ -105,7 +104,7 @@ def plan_strikes(
     predicted = {each.axis_id: each for each in forecast.axis_forecasts(information, chosen)}
     order = sorted(
         zip(usable, chosen.repeats, strict=True),
-        key=lambda pair: _placing_order(pair[0].candidate.axis, prepared),
+        key=lambda pair: (pair[0].candidate.heading, *_placing_order(pair[0].candidate.axis, prepared)),
     )
     planned: list[PlannedStrike] = []
     for each, repeats in order:
@@ -203,13 +202,12 @@ def _chosen(prepared: PreparedObject, request: PlanRequest, so_far: Information)
             return found[1], ""
     plain = design.choose_design(information, request.strikes, request.most_axes)
     if plain is None:
-        axes = pivot_axes(model, prepared.spec, prepared.stable, prepared.believed)
-        normals = axis_normals(axes, prepared.believed.region.centre)
-        raise PlanError(
-            refusal_message(
-                model, prepared.planes, prepared.stable, information.candidates, prepared.rejected, normals
+        if request.most_axes is not None and design.can_determine_com(information):
+            raise PlanError(
+                f"{prepared.spec.name}: {counted(request.most_axes, 'axis')} cannot determine the centre of "
+                f"mass: allow {design.MIN_STRIKES} or more (--axes)"
             )
-        )
+        raise PlanError(refusal_message(prepared))
     if request.target_com is None or plain.com_rms <= request.target_com:
         return plain, ""
     best = design.choose_design(information, most, request.most_axes) or plain
@@ -227,7 +225,7 @@ def _strike(
     each: UsableAxis,
     prepared: PreparedObject,
     predicted: forecast.AxisForecast,
-    heading: float = 0.0,
+    turned_for: str = "",
 ) -> PlannedStrike:
     """Entry of the plan for one strike on a usable axis.
 
@@ -236,8 +234,11 @@ def _strike(
         each: Usable axis (edge to tip about) with its impact point.
         prepared: Object, bench (striker, camera, table) and faces on which the object may fall over.
         predicted: Standard deviations expected of one strike on the axis.
-        heading: Turn [rad] of object and striker about the vertical.
+        turned_for: Purpose for which object and striker are turned by 180 degrees; empty to leave them as the
+            axis needs it.
     """
+    heading = TURNED if turned_for else each.candidate.heading
+    turned = TURNED_CARD.format(purpose=turned_for or "as the camera then sees a tag") if heading else ""
     axis = each.candidate.axis.placed or each.candidate.axis
     expected, striker = each.candidate.expected, prepared.bench.striker
     stands = axis.plane.id not in prepared.unsure
@@ -277,7 +278,7 @@ def _strike(
         friction_needed=each.friction,
         rolls=axis.rolls,
         stands_surely=stands,
-        card=(TURNED_CARD if heading else "")
+        card=turned
         + placement_card(
             prepared.model,
             prepared.spec,
@@ -320,7 +321,9 @@ def _turned_strikes(
     strikes: list[PlannedStrike] = []
     if best.index not in done:
         strikes.append(_strike(f"s{first}", prepared.usable[best.index], prepared, predicted))
-    strikes.append(_strike(f"s{first + len(strikes)}", best.usable, prepared, predicted, TURNED))
+    strikes.append(
+        _strike(f"s{first + len(strikes)}", best.usable, prepared, predicted, "to measure the table's tilt")
+    )
     return strikes
 
 
@@ -344,11 +347,18 @@ def _warnings(prepared: PreparedObject, used: Sequence[UsableAxis]) -> list[str]
     planes = [each.candidate.axis.plane for each in used]
     unsure = unsure_note(planes, prepared.unsure, prepared.believed.region)
     axes = [each.candidate.axis for each in used]
-    warnings = [text for text in (unsure, doubtful_note(axes), taken_over_note(axes)) if text]
+    warnings = [
+        text for text in (unsure, doubtful_note(axes), close_lines_note(axes), taken_over_note(axes)) if text
+    ]
     if any(each.candidate.axis.rolls for each in used):
         warnings.append(
             "round rims are used, on which the contact can roll: strike square to the rim; repeats show "
             "whether it rolled"
+        )
+    if any(each.candidate.heading for each in used):
+        warnings.append(
+            "the tags do not show enough edges from one end: the last strikes are made with object and "
+            "striker turned by 180 degrees, as their cards show; tags on the opposite sides would spare that"
         )
     if any(each.impact.on_card for each in used):
         warnings.append(

@@ -13,6 +13,7 @@ import numpy as np
 from analyze.planning.impact import release_rate
 from analyze.planning.pivots import Swing
 from analyze.types import Array
+from schemas.rig_limits import GOOD_TAG_EDGE_PX
 
 FRAME_RATE = 120.0
 """Frame rate of the nominal camera [Hz]."""
@@ -43,9 +44,11 @@ MIN_ENERGY_RATIO = 1.01
 def frame_sd(tag_px: float) -> float:
     """1 sigma [rad] of the tip angle in one frame for a tag whose edge is `tag_px` [px] wide in the image.
 
-    It is inversely proportional to the width, and at least `BEST_FRAME_SD`.
+    It is inversely proportional to the width, below `GOOD_TAG_EDGE_PX` to its square, and at least
+    `BEST_FRAME_SD`.
     """
-    return max(FRAME_SD * FRAME_PX / max(tag_px, 1.0), BEST_FRAME_SD)
+    width = max(tag_px, 1.0)
+    return max(FRAME_SD * FRAME_PX / width * max(GOOD_TAG_EDGE_PX / width, 1.0), BEST_FRAME_SD)
 
 
 @dataclass(frozen=True)

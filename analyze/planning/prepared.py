@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,14 +11,21 @@ from analyze.geometry.edge_radius import stated_radius
 from analyze.geometry.object_model import ObjectModel
 from analyze.planning import design
 from analyze.planning.earlier_results import EarlierResult, updated_hypothesis, with_strikes_made
-from analyze.planning.examine import Bench, UsableAxis, examine
+from analyze.planning.examine import TURNED, Bench, UsableAxis, examine
 from analyze.planning.footing import Q_SCALES, STRIP_AREA_FRACTION, footing
 from analyze.planning.hypothesis import Hypothesis, body_size, hypothesis
 from analyze.planning.information import Belief, Information, SharedErrors
-from analyze.planning.next_edge import CARRYING_SHARE, next_edge_rejection, over_next_line, with_next_edge
+from analyze.planning.next_edge import (
+    CARRYING_SHARE,
+    next_edge_rejection,
+    over_close_lines,
+    over_next_line,
+    with_next_edge,
+)
 from analyze.planning.pivots import PivotAxis, pivot_axes
 from analyze.planning.stable_planes import RestingPlane, resting_planes
 from analyze.planning.unscanned import scanned_edges, scanned_planes
+from analyze.planning.view import FAULT_CODES
 from schemas.object_spec import ObjectSpec
 from schemas.strike_plan import Rejection
 
@@ -54,8 +61,13 @@ class PreparedObject:
     """Reasons why the other axes and faces are not used."""
     information: Information
     """Information of the usable axes about c and the inertia."""
-    made: int
-    """Number of strikes made before."""
+    given: EarlierResult | None = None
+    """Result of the strikes made before; None if there are none."""
+
+    @property
+    def made(self) -> int:
+        """Number of strikes made before."""
+        return 0 if self.given is None else len(self.given.strikes)
 
     @property
     def unsure(self) -> frozenset[str]:
@@ -77,8 +89,10 @@ def prepare_object(
 
     Q is the region believed to hold the centre of mass c. The axes belong to faces on which the object stands
     for all of Q, and it balances over their edges, before the next edge lands, for the share `CARRYING_SHARE`
-    of Q. If these axes do not determine c, axes are added on lines that land before balance and over which it
-    then balances. Then the same is done for half of Q, at last for its centre alone.
+    of Q. If these axes do not determine c, edges whose tags the camera sees only with object and striker
+    turned by 180 degrees are added; then axes on lines that land before balance and over which it then
+    balances. Then the same is done for half of Q, then for its centre alone; at last rounded or bevelled
+    edges are added of which it is open which of several close lines carries.
 
     Args:
         model: Shape of the object.
@@ -110,36 +124,21 @@ def prepare_object(
         edge_radius=stated_radius(spec).sd,
         mass=spec.mass_sd_kg / spec.mass_kg,
     )
-    information = Information((), belief, shared)
+    search = _Search(model, spec, bench, believed, Information((), belief, shared))
     standing: tuple[RestingPlane, ...] = ()
     stable: list[RestingPlane] = []
-    usable: list[UsableAxis] = []
-    left_out: list[Rejection] = []
-    waiting: list[PivotAxis] = []
     for share in Q_SCALES:
         known: set[str] = {plane.id for plane in standing}
         standing = footing(model, planes, believed.region, share)
         scanned, bare = scanned_planes(model, [plane for plane in standing if plane.id not in known])
         axes, cut = scanned_edges(model, pivot_axes(model, spec, scanned, believed))
-        waiting += [with_next_edge(model, axis, believed.region) for axis in axes]
-        carried = min(share, CARRYING_SHARE)
-        carrying = [axis for axis in waiting if axis.carries_for(carried)]
-        waiting = [axis for axis in waiting if not axis.carries_for(carried)]
-        passed, failed = examine(model, spec, carrying, believed, bench)
         stable += scanned
-        usable += passed
-        left_out += [*bare, *cut, *failed]
-        information = replace(information, candidates=tuple(each.candidate for each in usable))
-        if design.can_determine_com(information):
+        search.rejected += [*bare, *cut]
+        search.waiting += [with_next_edge(model, axis, believed.region) for axis in axes]
+        if search.use_carrying(min(share, CARRYING_SHARE)) or search.use_next():
             break
-        over_next = [line for axis in waiting if (line := over_next_line(axis)) is not None]
-        waiting = [axis for axis in waiting if over_next_line(axis) is None]
-        passed, failed = examine(model, spec, over_next, believed, bench)
-        usable += passed
-        left_out += failed
-        information = replace(information, candidates=tuple(each.candidate for each in usable))
-        if design.can_determine_com(information):
-            break
+    else:
+        search.use_close()
     return PreparedObject(
         model,
         spec,
@@ -147,15 +146,94 @@ def prepare_object(
         planes,
         tuple(stable),
         believed,
-        tuple(usable),
+        tuple(search.usable),
         (
             *_unstable(planes, standing, believed),
-            *left_out,
-            *(next_edge_rejection(axis, believed) for axis in waiting),
+            *search.rejected,
+            *(next_edge_rejection(axis, believed) for axis in search.waiting),
         ),
-        information,
-        0 if given is None else len(given.strikes),
+        search.information,
+        given,
     )
+
+
+@dataclass
+class _Search:
+    """Axes that passed every check so far, those rejected, and those that wait for a reason to be used.
+
+    c is the centre of mass, Q the region believed to hold it.
+    """
+
+    model: ObjectModel
+    """Shape of the object."""
+    spec: ObjectSpec
+    """Mass, edge radius, markers."""
+    bench: Bench
+    """Striker, camera and table."""
+    believed: Hypothesis
+    """Q, and inertia per kilogram."""
+    information: Information
+    """Information of the usable axes."""
+    usable: list[UsableAxis] = field(default_factory=list[UsableAxis])
+    """Axes that passed every check."""
+    rejected: list[Rejection] = field(default_factory=list[Rejection])
+    """Reasons why others are not used."""
+    waiting: list[PivotAxis] = field(default_factory=list[PivotAxis])
+    """Axes that were not checked yet, as their next edge may land before balance."""
+
+    def use_carrying(self, share: float) -> bool:
+        """Use waiting axes that carry up to balance for a share of Q; True if c is then determined.
+
+        If it is not, edges are added whose tags the camera sees with object and striker turned by 180
+        degrees.
+
+        Args:
+            share: Scale of Q about its centre.
+        """
+        carrying = [axis for axis in self.waiting if axis.carries_for(share)]
+        self.waiting = [axis for axis in self.waiting if not axis.carries_for(share)]
+        unseen = {each.axis_id for each in self._use(carrying) if each.code in FAULT_CODES}
+        if self._determines():
+            return True
+        turned = [axis for axis in carrying if axis.id in unseen]
+        passed, _ = examine(self.model, self.spec, turned, self.believed, self.bench, TURNED)
+        seen = {each.candidate.axis.id for each in passed}
+        self.usable += passed
+        self.rejected = [each for each in self.rejected if each.axis_id not in seen]
+        return self._determines()
+
+    def use_next(self) -> bool:
+        """Use lines that land before balance and then carry; True if c is then determined."""
+        return self._use_instead({axis.id: over_next_line(axis) for axis in self.waiting})
+
+    def use_close(self) -> bool:
+        """Use axes amid close lines, as of a rounding's facets; True if c is then determined."""
+        region = self.believed.region
+        return self._use_instead(
+            {axis.id: over_close_lines(self.model, axis, region) for axis in self.waiting}
+        )
+
+    def _use_instead(self, others: Mapping[str, PivotAxis | None]) -> bool:
+        """Use other axes in place of waiting ones; True if the centre of mass is then determined.
+
+        Args:
+            others: Axis to use by the id of each waiting one; None leaves it waiting.
+        """
+        self.waiting = [axis for axis in self.waiting if others[axis.id] is None]
+        self._use([axis for axis in others.values() if axis is not None])
+        return self._determines()
+
+    def _use(self, axes: Sequence[PivotAxis]) -> list[Rejection]:
+        """Add the axes that pass every check, and the rejections of the others, which are returned."""
+        passed, failed = examine(self.model, self.spec, axes, self.believed, self.bench)
+        self.usable += passed
+        self.rejected += failed
+        return failed
+
+    def _determines(self) -> bool:
+        """True if the usable axes determine the centre of mass."""
+        self.information = replace(self.information, candidates=tuple(each.candidate for each in self.usable))
+        return design.can_determine_com(self.information)
 
 
 def _unstable(

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Set
 
 import numpy as np
 
 from analyze.geometry.object_model import ObjectModel
 from analyze.planning import next_edge, unscanned
-from analyze.planning.design import MIN_NORMAL_SPREAD
-from analyze.planning.information import Candidate, normal_spread, unknown_direction
-from analyze.planning.pivots import PivotAxis
+from analyze.planning.information import unknown_direction
+from analyze.planning.prepared import PreparedObject
 from analyze.planning.rejections import rejection_summary
-from analyze.planning.stable_planes import RestingPlane
+from analyze.planning.remedies import first_remedy
 from analyze.types import Array
-from schemas.strike_plan import Rejection
 from schemas.wording import counted
 
 MAX_BALL_SPREAD = 0.08
@@ -32,64 +30,36 @@ MIN_BARE_SHARE = 0.005
 MIN_BALL_SHARE = 0.3
 """Fraction of a sphere that must be scanned to recognise it."""
 FOOT = (
-    "stick on a foot (a flat plate with straight edges, its weight given as a marker's), scan both together, "
-    "and plan again"
+    "print a base (`analyze fixture`), or stick on a foot (a flat plate with straight edges, its weight "
+    "given as a marker's), scan both together, and plan again"
 )
 """Remedy for objects without usable edges."""
 UPRIGHT_FOOT = (
-    "glue it upright on a foot (a flat plate with straight edges, its weight given as a marker's, half as "
-    "wide as the object is then high), tags on all sides, scan both together, and plan again"
+    "print a base (`analyze fixture`), or glue it upright on a foot (a flat plate with straight edges, its "
+    "weight given as a marker's, half as wide as the object is then high), tags on all sides, scan both "
+    "together, and plan again"
 )
 """Remedy for objects too flat or too wide for their height, and with edges that land before balance."""
-REMEDIES = {
-    unscanned.CODE: f"the gaps of the scan leave no usable edge: {unscanned.REMEDY}",
-    "no_marker": "glue markers to the faces square to the edges",
-    "tag_small": "print larger tags (a card may jut out over a narrow face), or bring the camera nearer",
-    "out_of_image": (
-        "move or turn the camera (camera.calibration in the rig file), or glue the tags where it sees the "
-        "whole tip"
-    ),
-    "hidden": "glue the tags where no part of the object stands before them",
-    "slips": "use a mat with more friction",
-    "speed": "change the striker's effective mass or its speed limits (rig file)",
-    "impact_unreachable": (
-        "glue on an upright plate that the striker can meet, its weight given as a marker's, and scan both "
-        "together"
-    ),
-}
-"""Remedies by rejection code that make the rejected axes usable, the easiest first."""
+GAPS = f"the gaps of the scan leave no usable edge: {unscanned.REMEDY}"
+"""Remedy for scans whose edges were not scanned."""
 RESHAPED_CODES = frozenset({next_edge.CODE, "lifts", "too_steep"})
 """Codes of axes that only another shape makes usable: `UPRIGHT_FOOT`."""
-MAX_MAT_FRICTION = 1.0
-"""Largest friction coefficient that a mat gives."""
 
 
-def refusal_message(
-    model: ObjectModel,
-    planes: Sequence[RestingPlane],
-    stable: Sequence[RestingPlane],
-    candidates: Sequence[Candidate],
-    rejected: Sequence[Rejection],
-    normals: Mapping[str, Array],
-) -> str:
+def refusal_message(prepared: PreparedObject) -> str:
     """One-line message why no plan can be made: state of the object, reasons of the rejections, remedy.
 
-    The remedy makes so many of the rejected axes usable that they determine the centre of mass; if none does,
-    it gives the object other edges.
+    The remedy has been tried on the planner (`first_remedy`); if none of those suffices, it gives the object
+    other edges.
 
     Args:
-        model: Shape of the object.
-        planes: All resting planes of the object.
-        stable: Resting planes that are planned on.
-        candidates: Usable axes.
-        rejected: Rejected axes and faces.
-        normals: By axis, unit normal (3,) of the plane through pivot line and expected centre of mass, in the
-            object frame.
+        prepared: Object whose usable axes do not determine the centre of mass.
     """
-    axes = [rejection for rejection in rejected if rejection.code not in ("unstable_plane", "flank")]
+    model, candidates = prepared.model, prepared.information.candidates
+    axes = [rejection for rejection in prepared.rejected if rejection.code not in ("unstable_plane", "flank")]
     counts = Counter(rejection.code for rejection in axes)
     if not candidates and not counts.keys() - {unscanned.CODE}:
-        return f"{model.name}: {_shape_message(model, planes, stable, counts[unscanned.CODE])}"
+        return f"{model.name}: {_shape_message(prepared, counts[unscanned.CODE])}"
     state = "no axis can be used"
     if candidates:
         worst = unknown_direction(np.array([each.normal for each in candidates]))
@@ -98,70 +68,45 @@ def refusal_message(
             f"the {counted(len(candidates), 'usable axis', 'leaves')} the centre of mass unknown "
             f"along ({along})"
         )
-    if counts:
-        tried = "edges and faces" if unscanned.CODE in counts else "axes" if len(axes) > 1 else "axis"
-        reasons = f"{len(axes)} {tried} rejected: {rejection_summary(axes)}"
-    else:
-        reasons = f"rejected: {_shape_message(model, planes, stable, 0)}"
-    return f"{model.name}: {state}; {reasons}: {_remedy(candidates, axes, normals)}"
+    if not counts:
+        return f"{model.name}: {state}; {_too_few_faces(prepared)}: {FOOT}"
+    tried = "edges and faces" if unscanned.CODE in counts else "axes" if len(axes) > 1 else "axis"
+    reasons = f"{len(axes)} {tried} rejected: {rejection_summary(axes)}"
+    return f"{model.name}: {state}; {reasons}: {_remedy(prepared, counts.keys())}"
 
 
-def _remedy(
-    candidates: Sequence[Candidate], rejected: Sequence[Rejection], normals: Mapping[str, Array]
-) -> str:
-    """Remedy that leads to a plan: the easiest that suffices alone, else the easiest that suffice together.
+def _remedy(prepared: PreparedObject, codes: Set[str]) -> str:
+    """Remedy that leads to a plan: the easiest of those that were tried, else other edges.
 
     Args:
-        candidates: Usable axes.
-        rejected: Rejected axes.
-        normals: By axis, unit normal (3,) of its plane through the expected centre of mass.
+        prepared: Object whose usable axes do not determine the centre of mass.
+        codes: Codes of the rejected axes.
     """
-    codes = {each.code for each in rejected}
     if unscanned.CODE in codes:
-        return REMEDIES[unscanned.CODE]
-    usable = [each.normal for each in candidates]
-    curable = [each for each in rejected if each.axis_id in normals and _is_curable(each)]
-    order = [code for code in REMEDIES if any(each.code == code for each in curable)]
-    together = [tuple(order[: many + 1]) for many in range(1, len(order))]
-    for tried in [*((code,) for code in order), *together]:
-        rows = usable + [normals[each.axis_id] for each in curable if each.code in tried]
-        if normal_spread(np.array(rows)) >= MIN_NORMAL_SPREAD:
-            return ", and ".join(REMEDIES[code] for code in tried)
+        return GAPS
+    found = first_remedy(prepared)
+    if found is not None:
+        return found.text
     return UPRIGHT_FOOT if codes & RESHAPED_CODES else FOOT
 
 
-def _is_curable(rejection: Rejection) -> bool:
-    """True if a remedy in `REMEDIES` makes the rejected axis usable."""
-    if rejection.code == "slips":
-        return rejection.number is not None and rejection.number <= MAX_MAT_FRICTION
-    return rejection.code in REMEDIES
+def _too_few_faces(prepared: PreparedObject) -> str:
+    """Reason why usable axes are too few although none was rejected: faces on which it cannot stand."""
+    stable, planes = prepared.stable, prepared.planes
+    return f"it surely stands on {len(stable)} of {counted(len(planes), 'face')} of its hull"
 
 
-def axis_normals(axes: Sequence[PivotAxis], com: Array) -> dict[str, Array]:
-    """Unit normals (3,) of the planes through pivot line and expected centre of mass, by the axes' ids.
-
-    Args:
-        axes: Pivot axes.
-        com: (3,) expected centre of mass [m], in the object frame.
-    """
-    across = {axis.id: np.cross(axis.direction, com - axis.point) for axis in axes}
-    return {name: normal / np.linalg.norm(normal) for name, normal in across.items()}
-
-
-def _shape_message(
-    model: ObjectModel, planes: Sequence[RestingPlane], stable: Sequence[RestingPlane], unseen: int
-) -> str:
+def _shape_message(prepared: PreparedObject, unseen: int) -> str:
     """Message with remedy for an object of which no edge can be used because of its shape.
 
     The message says which it is: a ball, a round body that rolls, a scan with gaps, a body that may fall over
     on every face, or one whose faces have no edge beside the centre of mass. It is never empty.
 
     Args:
-        model: Shape of the object.
-        planes: All resting planes of the object.
-        stable: Resting planes that are planned on.
+        prepared: Object without usable axes.
         unseen: Number of faces and edges rejected because they were not scanned.
     """
+    model, planes, stable = prepared.model, prepared.planes, prepared.stable
     across = _scanned_ball_diameter(model) if _unscanned_share(model) > MIN_BARE_SHARE else None
     if across is not None:
         return (
@@ -175,10 +120,7 @@ def _shape_message(
             f"to it, or {FOOT}"
         )
     if unseen or (not stable and _unscanned_share(model) > MIN_FACE_SHARE):
-        return (
-            f"{REMEDIES[unscanned.CODE]}; if a hole of the mesh is an end of the object, close it in a mesh "
-            "editor"
-        )
+        return f"{GAPS}; if a hole of the mesh is an end of the object, close it in a mesh editor"
     round_about = _axis_of_roundness(model)
     area = sum(plane.area for plane in planes)
     flat = [plane for plane in planes if plane.area > MIN_FACE_SHARE * area] if area > 0 else []

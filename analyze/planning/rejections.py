@@ -13,6 +13,13 @@ _REASONS = {
     "slips": ("slipping", "friction needed", "", 1.0, 2),
     "lifts": ("lifting off before balance", "", "", 1.0, 0),
     "too_steep": ("too steep", "balance after", " deg", float(np.degrees(1.0)), 0),
+    "no_balance": (
+        "rolling back",
+        "its rounding's centre is above that of mass by",
+        " mm",
+        1000.0,
+        1,
+    ),
     next_edge.CODE: (
         "with a neighbour that may land before balance",
         "at",

@@ -11,13 +11,10 @@ from analyze.errors import PlanError
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.station import turned_camera
 from analyze.planning import view
-from analyze.planning.examine import UsableAxis
+from analyze.planning.examine import TURNED, UsableAxis
 from analyze.planning.information import Information, SharedErrors
 from analyze.types import CameraModel
 from schemas.object_spec import ObjectSpec
-
-TURNED = float(np.pi)
-"""Heading of a turned strike [rad]."""
 
 
 @dataclass(frozen=True)
@@ -44,9 +41,9 @@ def turnable_axes(
 ) -> list[TurnableAxis]:
     """Axes that can also be struck with object and striker turned by 180 degrees on the table.
 
-    The camera must see a marker then; if no marker has a pose, all axes count. Impact height, speed and
-    friction needed are those of the usual strike. Strikes both ways measure the table's tilt; the axis that
-    measures it most precisely comes first.
+    The camera must see a marker at both headings; if no marker has a pose, all axes count. Impact height,
+    speed and friction needed are those of the usual strike. Strikes both ways measure the table's tilt; the
+    axis that measures it most precisely comes first.
 
     Args:
         usable: Axes (edges to tip about) that passed every check.
@@ -68,6 +65,8 @@ def turnable_axes(
     faults: list[view.Fault] = []
     for index, each in enumerate(usable):
         sight = view.visible_markers(model, spec, each.candidate.axis, each.candidate.expected.phi, other)
+        if each.candidate.heading:
+            continue
         if known and not sight.markers:
             faults.append(sight.fault)
             continue

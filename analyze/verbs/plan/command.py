@@ -51,7 +51,11 @@ class _PlanArguments:
 @click.command()
 @click.argument("object_file", metavar="OBJECT", type=click.Path(path_type=Path))
 @path_option("-o", "--output", help="The plan to write (JSON).")
-@path_option("--rig", help="Rig file with camera, striker, friction and gravity.  [default: a nominal rig]")
+@path_option(
+    "--rig",
+    help="Rig file with camera, striker, friction and gravity; what it leaves out is nominal.  [default: a "
+    "nominal rig]",
+)
 @path_option(
     "--camera",
     help="Strikes by hand, filmed through the lens in this camera file: the cards state where this phone "
@@ -151,8 +155,7 @@ def _refuse_early(arguments: _PlanArguments) -> None:
     """Check the options before the computation.
 
     Raises:
-        click.UsageError: options that `--method paper` does not have are given with it, or both --rig and
-            --camera.
+        click.UsageError: options that `--method paper` does not have are given with it.
         OutputError: a file cannot be written, or would replace an input.
     """
     only_ours = (
@@ -166,8 +169,6 @@ def _refuse_early(arguments: _PlanArguments) -> None:
             "the paper's method has no --axes, --target-com-mm, --given or --gravity: leave them out, or use "
             "--method ours"
         )
-    if arguments.rig is not None and arguments.camera is not None:
-        raise click.UsageError("--rig is for a striker, --camera for strikes by hand: give one of them")
     inputs = [arguments.object_file, arguments.rig, arguments.camera, *arguments.given]
     refuse_outputs([arguments.output, arguments.scenes], inputs=inputs)
 

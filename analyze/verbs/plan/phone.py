@@ -11,12 +11,10 @@ from scipy.spatial.distance import pdist
 from analyze.cameras.camera_file import read_camera
 from analyze.geometry.object_model import ObjectModel
 from analyze.planning.examine import Bench
-from analyze.planning.impact import StrikerModel
+from analyze.planning.impact import HAND
 from analyze.tracking.camera_model import camera_from_spec
 from analyze.types import Array, CameraModel
 
-HAND = StrikerModel(slowest_m_s=0.02, fastest_m_s=5.0, lowest_m=0.005, highest_m=1.0)
-"""a hand's flick: nearly any speed, at any height of a table-top object"""
 SEEN_WIDTH, SEEN_HEIGHT = 1.35, 1.15
 """width and height that the image shows at the pivot, in largest lengths of the object: it then stays in the
 image from rest past its balance, on whichever face it rests"""

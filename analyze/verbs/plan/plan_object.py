@@ -7,21 +7,20 @@ from pathlib import Path
 
 from analyze.errors import PlanError
 from analyze.estimation.cells import cells_from_voxels, shell_thickness
+from analyze.geometry.held_object import HeldModel
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.geometry.voxels import voxelise
 from analyze.planning import view
-from analyze.planning.earlier_results import EarlierResult
-from analyze.planning.examine import Bench
 from analyze.planning.fillings import Pieces
 from analyze.planning.impact import StrikerModel
-from analyze.planning.information import SharedErrors
 from analyze.planning.paper_strikes import paper_strike_plan
 from analyze.planning.plan import PlanRequest, plan_strikes
-from analyze.planning.prepared import prepare_object
+from analyze.planning.prepared import PreparedObject, prepare_object
 from analyze.planning.striker_update import updated_striker
 from analyze.progress import Progress, no_progress
-from analyze.reading.object_file import ObjectFiles, read_object_files
+from analyze.reading.object_file import read_object_files
 from analyze.types import CameraModel
+from analyze.verbs.plan.nominal_striker import prepared_for_mat, prepared_for_striker
 from analyze.verbs.plan.phone import phone_bench
 from analyze.verbs.plan.rig import PlannedRig, planned_rig, rig_from_text
 from schemas.object_spec import ObjectSpec
@@ -48,7 +47,8 @@ class PlanOptions:
     """
 
     rig_path: Path | None = None
-    """rig file; None for the rig of the latest recording in `given`, else the nominal rig"""
+    """rig file (with `camera_path` one of the table only); None for the rig of the latest recording in
+    `given`, else the nominal rig"""
     strikes: int = STRIKES
     """number of strikes; with `given`, of additional strikes"""
     target_com_mm: float | None = None
@@ -107,6 +107,12 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = no
     view.refuse_off_surface(model, files.spec)
     given, bench = None, rig.bench
     if options.camera_path is not None:
+        if options.rig_path is not None and rig.devices:
+            tables = " and ".join(f"[{name}]" for name in sorted(rig.devices))
+            raise PlanError(
+                f"{options.rig_path}: with --camera, for strikes by hand, a rig file states the table only "
+                f"(table_friction, gravity): leave out {tables}, or --camera"
+            )
         bench = phone_bench(options.camera_path, model, bench)
     if options.given:
         from analyze.result.given_results import read_given
@@ -118,36 +124,42 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = no
             bench = replace(bench, striker=updated_striker(bench.striker, so_far.touches))
             notes.append(_note_on_striker(bench.striker, len(so_far.touches)))
     try:
-        plan = _plan_of(files, model, bench, rig.errors, given, options, progress)
+        progress("examining the axes", 3, STEPS)
+        prepared = prepare_object(model, files.spec, bench, rig.errors, given)
+        if not options.given and options.camera_path is None and "striker" not in rig.devices:
+            prepared, note = prepared_for_striker(
+                prepared,
+                lambda striker: prepare_object(
+                    model, files.spec, replace(bench, striker=striker), rig.errors, given
+                ),
+            )
+            notes += [note] if note else []
+        if not options.given and options.rig_path is None and options.camera_path is None:
+            prepared, note = prepared_for_mat(prepared)
+            notes += [note] if note else []
+        plan = _plan_of(prepared, files.sha256, options, progress)
     except PlanError as error:
         for note in model.warnings:
             error.add_note(note)
         raise
+    if model.held is not None:
+        notes.append(_note_on_fixture(model.held))
     return PlannedObject(
         plan.model_copy(update={"warnings": [*plan.warnings, *notes]}), model, files.spec, bench.camera
     )
 
 
-def _plan_of(
-    files: ObjectFiles,
-    model: ObjectModel,
-    bench: Bench,
-    errors: SharedErrors,
-    given: EarlierResult | None,
-    options: PlanOptions,
-    progress: Progress,
-) -> StrikePlan:
-    progress("examining the axes", 3, STEPS)
-    prepared = prepare_object(model, files.spec, bench, errors, given)
+def _plan_of(prepared: PreparedObject, sha256: str, options: PlanOptions, progress: Progress) -> StrikePlan:
     if options.method is PlanMethod.PAPER:
-        return paper_strike_plan(prepared, files.sha256, options.strikes)
+        return paper_strike_plan(prepared, sha256, options.strikes)
     progress("dividing the body into voxels", 4, STEPS)
-    cells = _pieces(model, shell_thickness(files.spec, model))
+    model = prepared.model
+    cells = None if model.held is not None else _pieces(model, shell_thickness(prepared.spec, model))
     progress("choosing the strikes", 5, STEPS)
     target = None if options.target_com_mm is None else options.target_com_mm / 1000
     return plan_strikes(
         prepared,
-        files.sha256,
+        sha256,
         PlanRequest(options.strikes, target, options.gravity, options.most_axes),
         cells,
     )
@@ -188,6 +200,15 @@ def write_plan(plan: StrikePlan, path: Path) -> None:
         OutputError: the file cannot be written.
     """
     write_text(path, plan.model_dump_json(indent=1) + "\n")
+
+
+def _note_on_fixture(held: HeldModel) -> str:
+    """Note that the expected accuracy is that of object and fixture, of which the fixture is subtracted."""
+    return (
+        f"what is struck is object and fixture, {1000 * (held.mass + held.fixture_mass):.0f} g, of which"
+        f" the fixture {1000 * held.fixture_mass:.0f} g: the expected accuracy is that of both together;"
+        " `analyze estimate` subtracts the fixture, with its errors"
+    )
 
 
 def _note_on_striker(striker: StrikerModel, strikes: int) -> str:

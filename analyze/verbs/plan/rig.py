@@ -28,6 +28,8 @@ class PlannedRig:
     """standard deviations of the errors that strikes share: tilt, gravity and others"""
     config: RigConfig | None = None
     """content of the rig file; None for the nominal rig"""
+    devices: frozenset[str] = frozenset()
+    """those of "camera" and "striker" that the rig file states; the others are nominal"""
 
 
 def planned_rig(path: Path | None) -> PlannedRig:
@@ -56,8 +58,9 @@ def planned_rig(path: Path | None) -> PlannedRig:
 def rig_from_text(text: str, name: str) -> PlannedRig:
     """Rig from the text of a rig file, which must be valid for `acquire` too.
 
-    Only the camera's address may be missing, because planning uses no device. The standard deviations of the
-    table's tilt and of gravity are raised to at least 1e-6 rad and 1e-7 (relative).
+    As planning uses no device, the camera's address may be missing, and so may the camera as a whole: the
+    nominal one then stands in its place. The standard deviations of the table's tilt and of gravity are
+    raised to at least 1e-6 rad and 1e-7 (relative).
 
     Args:
         text: content of the rig file (TOML).
@@ -71,7 +74,8 @@ def rig_from_text(text: str, name: str) -> PlannedRig:
         data: dict[str, Any] = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # not TOML, nested too deep
         raise PlanError(f"{name}: not valid TOML: {error}") from None
-    camera = data.get("camera")
+    devices = frozenset({"camera", "striker"} & data.keys())
+    camera = data.setdefault("camera", {"calibration": _nominal_calibration()})
     if isinstance(camera, dict):
         camera.setdefault("address", "none")
     try:
@@ -88,8 +92,19 @@ def rig_from_text(text: str, name: str) -> PlannedRig:
     tilt = rig.gravity_tilt_sd_rad if rig.level is None else rig.level.towards_x_sd_rad
     errors = SharedErrors(tilt=max(tilt, 1e-6), gravity=max(rig.g_sd_m_s2 / rig.g_m_s2, 1e-7))
     return PlannedRig(
-        Bench(striker, lens, rig.table_friction, rig.g_m_s2, rig.camera.frame_rate_hz), errors, rig
+        Bench(striker, lens, rig.table_friction, rig.g_m_s2, rig.camera.frame_rate_hz), errors, rig, devices
     )
+
+
+def _nominal_calibration() -> dict[str, Any]:
+    """Table [camera.calibration] of the nominal camera (`view.default_camera`)."""
+    camera = view.default_camera()
+    return {
+        "width": camera.width,
+        "height": camera.height,
+        "K": camera.K.tolist(),
+        "T_world_camera": camera.T_world_camera.tolist(),
+    }
 
 
 def striker_model(striker: StrikerConfig) -> StrikerModel:

@@ -123,9 +123,8 @@ def _ours(
     known = tuple(replace(each, axis=replace(each.axis, sd=EDGE_SD), noise=noise) for each in candidates)
     found = design.choose_design(Information(known, prepared.information.belief, NO_SHARED_ERRORS), STRIKES)
     if found is None:
-        return Outcome(
-            refusal_message(prepared.model, prepared.planes, prepared.stable, known, prepared.rejected, {})
-        )
+        information = replace(prepared.information, candidates=known)
+        return Outcome(refusal_message(replace(prepared, information=information)))
     return outcome(body, [known[i].axis for i in found.chosen], found.repeats, draws, rng)
 
 

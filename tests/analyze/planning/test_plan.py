@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+import re
 from functools import cache
 from itertools import pairwise
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial.transform import Rotation
 
 from analyze.errors import PlanError
@@ -188,7 +191,7 @@ def test_too_slow_striker_is_refused_with_the_speed_needed():
     model = load_object_model(spec, None, "")
     with pytest.raises(
         PlanError,
-        match=r"12 at another speed than the striker's \(needed \d\.\d\d to \d\.\d\d m/s\): change the",
+        match=r"12 at another speed than the striker's \(needed \d\.\d\d to \d\.\d\d m/s\): strike by",
     ):
         make_plan(model, spec, "", StrikerModel(fastest_m_s=0.1), friction=2.0)
 
@@ -241,3 +244,22 @@ def test_impact_points_on_marker_cards_are_avoided():
     assert best_impact([expected, beside, slips], 0.4) is beside
     assert best_impact([expected, slips], 0.4) is expected
     assert best_impact([], 0.4) is None
+
+
+def test_a_body_that_rolls_back_has_no_balance_angle():
+    """A block on two runners, as of a rocking chair but flat in the middle: rounded about lines above c."""
+    radius, width, depth = 0.06, 0.08, 0.06
+    t = np.linspace(0, math.pi / 3, 40)
+    arc = np.stack([width / 4 + radius * np.sin(t), radius - radius * np.cos(t)], axis=-1)
+    outline = np.vstack([arc, arc * [-1, 1]])
+    points = np.concatenate([np.insert(outline, 1, y, axis=1) for y in (-depth / 2, depth / 2)])
+    spec = spec_of({"file": "m.stl", "unit": "mm", "surface_sd_m": 0.0}, markers=[{"id": 1, "size_m": 0.02}])
+    model = load_object_model(
+        spec, trimesh.PointCloud(1e3 * points).convex_hull.export(file_type="stl"), "m.stl"
+    )
+    with pytest.raises(
+        PlanError, match=r"rolling back \(its rounding's centre is above that of mass by \d"
+    ) as e:
+        make_plan(model, spec, "", STRIKER)
+    balance = [float(each) for each in re.findall(r"balance after (?:\d+ to )?(\d+) deg", str(e.value))]
+    assert all(each < 90 for each in balance)

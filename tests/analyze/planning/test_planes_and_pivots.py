@@ -141,16 +141,17 @@ def test_cylinder_rests_on_its_ends_and_rolls_over_its_rim():
     planes = stable_planes(resting_planes(model), believed.region)
     assert [abs(plane.up[2]) > 0.999 for plane in planes] == [True, True]
     axes = pivot_axes(model, spec, planes, believed)
-    assert len(axes) == 6
+    assert len(axes) == 12, "three markers, each seen from either end, on two faces"
     for axis in axes:
         assert axis.rolls
         assert np.isclose(np.hypot(*axis.point[:2]), 0.035, atol=2e-5)
         assert np.isclose(abs(axis.point[2]), 0.074, atol=MICROMETRE)
     facing = {
-        int(np.argmin([axis.direction @ np.array(m["T_object_marker"])[:3, 2] for m in markers]))
+        (int(np.argmax(np.abs(along))), bool(np.max(np.abs(along)) > np.max(along)))
         for axis in axes
+        for along in [[axis.direction @ np.array(m["T_object_marker"])[:3, 2] for m in markers]]
     }
-    assert facing == {0, 1, 2}
+    assert facing == {(number, end) for number in range(3) for end in (True, False)}
 
 
 def test_paper_drops_one_of_two_parallel_planes():

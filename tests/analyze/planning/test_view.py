@@ -12,7 +12,7 @@ from analyze.geometry.object_model import load_object_model
 from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import PlanRequest, plan_strikes
-from analyze.planning.precision import TrackedSwing, strike_covariances
+from analyze.planning.precision import TrackedSwing, frame_sd, strike_covariances
 from analyze.planning.prepared import prepare_object
 from analyze.planning.view import default_camera, refuse_off_surface
 from analyze.types import CameraModel
@@ -20,6 +20,7 @@ from schemas.rig_limits import MIN_TAG_EDGE_PX
 from schemas.session_manifest import LensModel
 from tests.analyze.geometry.shapes import box_triangles, spec_of, stl
 from tests.analyze.planning.test_plan import SIZE, side_markers
+from tests.analyze.planning.test_refusal import EVERY, sides
 
 STRIKER = StrikerModel(fastest_m_s=5.0)
 
@@ -57,6 +58,35 @@ def test_smallest_tag_is_that_of_the_rig_limits():
     only = [marker for marker in side_markers() if marker["id"] in {2, 3}]
     assert not codes(box_with([marker | {"size_m": exact * 1.001} for marker in only])) & {"tag_small"}
     assert "tag_small" in codes(box_with([marker | {"size_m": exact * 0.999} for marker in only]))
+
+
+def test_smaller_tags_are_planned_with_a_larger_error():
+    """The noise of the angle is inversely proportional to the width, and below 60 px to its square."""
+    wide, narrow = (
+        plan_strikes(box_with(sized(size)), "", PlanRequest(9)).strikes[0].phi_measured_sd_rad
+        for size in (0.03, 0.012)
+    )
+    assert narrow > 1.05 * wide
+    assert frame_sd(30) == pytest.approx(4 * frame_sd(60))
+    assert frame_sd(60) == pytest.approx(2 * frame_sd(120))
+
+
+@pytest.mark.parametrize("faces", [("+x", "+y"), ("-x", "-y", "-z")])
+def test_edges_seen_from_the_other_end_are_planned_turned(faces):
+    """Seen from one end, tags on two or three sides show edges that leave a direction of c unknown."""
+    every = sides((80, 60, 150), (0, 0, 0), only=EVERY)
+    prepared = box_with([every[EVERY.index(face)] for face in faces], friction=0.6)
+    plan = plan_strikes(prepared, "", PlanRequest(9))
+    turned = [strike.heading_rad != 0 for strike in plan.strikes]
+    assert turned == sorted(turned), "the stand is moved more than once"
+    assert 0 < sum(turned) < len(turned)
+    assert plan.predicted_com_sd_m < 0.3e-3
+    for strike in plan.strikes:
+        assert ("as the camera then sees a tag" in strike.card) == bool(strike.heading_rad)
+        tags = [every[name]["T_object_marker"] for name in strike.visible_markers]
+        towards = np.array(strike.R_world_object) @ np.array(tags[0])[:3, 2]
+        assert towards[1] * np.cos(strike.heading_rad) < -0.9, "the tag does not face the camera"
+    assert any("turned by 180 degrees" in text for text in plan.warnings)
 
 
 def test_tags_out_of_the_image_are_reported():

@@ -127,6 +127,33 @@ def test_reach_and_gravity_come_from_the_rig_file(tmp_path: Path):
     assert "reach_m = [0.3, 0.1]" in done.output
 
 
+def test_a_rig_file_may_state_the_friction_only(tmp_path: Path):
+    rig = tmp_path / "table.toml"
+    rig.write_text("table_friction = 0.7\n")
+    plan = json.loads(run(str(CARTON), "--rig", str(rig), "--strikes", "3", "--json").output)
+    assert max(strike["friction_needed"] for strike in plan["strikes"]) <= 0.7
+    rig.write_text("table_friction = 0.02\n")
+    done = run(str(CARTON), "--rig", str(rig), "--strikes", "3")
+    assert done.exit_code == 1
+    assert "slipping" in done.output
+
+
+def test_strikes_by_hand_take_the_friction_of_a_rig_file_that_states_no_device(tmp_path: Path):
+    lens, rig = tmp_path / "phone.toml", tmp_path / "table.toml"
+    lens.write_text(
+        "[camera.calibration]\nwidth = 1920\nheight = 1080\nK = [[1600, 0, 960], [0, 1600, 540], [0, 0, 1]]\n"
+    )
+    rig.write_text("table_friction = 0.02\n")
+    given = (str(CARTON), "--camera", str(lens), "--strikes", "3", "--rig", str(rig))
+    done = run(*given)
+    assert done.exit_code == 1
+    assert "slipping" in done.output
+    rig.write_text("[striker]\narm_length_m = 0.2\n")
+    done = run(*given)
+    assert done.exit_code == 1
+    assert "leave out [striker], or --camera" in done.output
+
+
 def test_the_object_of_the_tutorial_can_be_planned(tmp_path: Path):
     example = ROOT / "docs" / "examples" / "teabox.toml"
     done = run(str(example), "-o", str(tmp_path / "plan.json"))
