@@ -10,15 +10,17 @@ import enum
 import hashlib
 import json
 import tomllib
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from schemas.document import Document, DocumentError, Matrix4, Vector3, check_pose, read_text, validate
+from schemas.fixture import FIXTURE_KEYS, FixtureBody, HeldObject, check_fixture
 from schemas.part_label import LABEL_KEYS_AFTER_1_0, PartLabel, check_labels
 from schemas.tags import USUAL_FAMILY, TagFamily, marker_name
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
 
 MAX_THICKNESS_M = 0.1
@@ -147,9 +149,10 @@ class MarkerSpec(Document):
     @field_validator("family", mode="before")
     @classmethod
     def _family(cls, value: object) -> object:
-        if isinstance(value, str) and value not in set(TagFamily):
-            raise ValueError(f"{value!r} is not a tag family: choose {', '.join(TagFamily)}")
-        return value
+        try:
+            return TagFamily(value)
+        except ValueError:
+            raise ValueError(f"{value!r} is not a tag family: choose {', '.join(TagFamily)}") from None
 
     @field_validator("id")
     @classmethod
@@ -225,6 +228,13 @@ class ObjectSpec(Document):
         min_length=2,
         description="parts whose masses are estimated, if the object has known parts",
     )
+    fixture: list[FixtureBody] | None = Field(
+        default=None,
+        min_length=1,
+        description="bodies that hold the object and are struck with it: mass_kg and shape include them, the "
+        "answer is that of the object alone; `analyze fixture` writes them",
+    )
+    held: HeldObject | None = Field(default=None, description="how closely the object sits in its fixture")
     marker: list[MarkerSpec] = Field(
         min_length=1, description="markers on the object: id, size_m and T_object_marker of each"
     )
@@ -260,6 +270,13 @@ class ObjectSpec(Document):
                     "use one of the two for all such tags"
                 )
         check_labels(self.labels or [])
+        check_fixture(self.fixture, self.held, self.mass_kg)
+        if self.fixture is not None and self.shape.file is None:
+            raise ValueError("a fixture needs a shape file, with object and fixture as separate bodies")
+        fixed = {number for body in self.fixture or [] for number in body.bodies}
+        for label in self.labels or []:
+            if common := fixed.intersection(label.bodies):
+                raise ValueError(f"part {label.name!r}: body {min(common)} belongs to the fixture")
         edges = [edge.id for edge in self.edge or []]
         if named := [name for name in edges if edges.count(name) > 1]:
             raise ValueError(f"edge {named[0]!r} is listed twice: give each edge one radius")
@@ -334,20 +351,22 @@ def object_sha256(spec: ObjectSpec, shape_bytes: bytes | None) -> str:
     # Before a radius could be left open, one that was left out was hashed as 0.
     known["edge_radius_m"] = known["edge_radius_m"] or 0.0
     known["edge_radius_sd_m"] = known["edge_radius_sd_m"] or 0.0
-    if not spec.edge:
-        del known["edge"]
+    _drop_unset(known, ("edge", *FIXTURE_KEYS))
     for marker in known["marker"]:
-        for entry in MARKER_KEYS_AFTER_1_0:
-            if marker[entry] is None:
-                del marker[entry]
-    labels: list[dict[str, object]] = known["labels"] or []
+        _drop_unset(marker, MARKER_KEYS_AFTER_1_0)
+    labels: list[dict[str, Any]] = known["labels"] or []
     for label in labels:
-        for entry in LABEL_KEYS_AFTER_1_0:
-            if not label[entry]:
-                del label[entry]
+        _drop_unset(label, LABEL_KEYS_AFTER_1_0)
     digest = hashlib.sha256(
         json.dumps(known, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
     )
     if shape_bytes is not None:
         digest.update(hashlib.sha256(shape_bytes).digest())
     return digest.hexdigest()
+
+
+def _drop_unset(entries: dict[str, Any], names: Iterable[str]) -> None:
+    """Remove those of the named entries from a document that are None, False or empty."""
+    for name in names:
+        if not entries[name]:
+            del entries[name]

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 from pydantic import Field, model_validator
 
 from schemas.document import Document, SparseDocument, Vector3
+from schemas.fixture_result import FixtureResult
 from schemas.quantity import RENAMED, Quantity, RenamedDocument, json_entries
 from schemas.result_inputs import ResultInputs
 from schemas.robustness import AlternativeResult
@@ -283,6 +284,7 @@ class Result(SparseDocument):
         "parameters_covariance",
         "filling",
         "frame_times",
+        "fixture",
     )
 
     schema_version: str = RESULT_VERSION
@@ -334,6 +336,10 @@ class Result(SparseDocument):
     )
     frame_times: list[FrameTimes] | None = Field(
         default=None, description="recordings whose times come from a file's time stamps; else not written"
+    )
+
+    fixture: FixtureResult | None = Field(
+        default=None, description="what was struck with the object and subtracted; not written without one"
     )
 
     robustness: list[AlternativeResult] | None = Field(

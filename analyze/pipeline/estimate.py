@@ -24,6 +24,7 @@ from analyze.estimation.cells import Cells, cells_from_voxels, shell_thickness
 from analyze.estimation.checks import Checks, check_solution
 from analyze.estimation.edge_radii import EdgeRadius, RadiusCheck, estimated_radii, without_refuted_radii
 from analyze.estimation.fill_level import FillLevel
+from analyze.estimation.fixture import fixture_prior
 from analyze.estimation.inertia import inertial_parameters_from_joint, shape_prior
 from analyze.estimation.joint import JointSolution, MomentModel, solve_joint
 from analyze.estimation.labelled_parts import parts_of_bodies, parts_of_cells
@@ -34,13 +35,14 @@ from analyze.estimation.priors import ComPrior, Scale
 from analyze.estimation.profile import profiled_posterior
 from analyze.estimation.rest_turns import RestTurns, rest_turns
 from analyze.estimation.scatter import ScatterRange, scatter_range
-from analyze.estimation.sensitivity import Sensitivity, sensitivity
+from analyze.estimation.sensitivity import ErrorSource, Sensitivity, sensitivity
 from analyze.estimation.shape_errors import Box, box_of, shape_errors
 from analyze.estimation.voxel_map import VoxelMap, voxel_map
 from analyze.estimation.what_ifs import Alternative
 from analyze.geometry.voxels import voxelise
 from analyze.pipeline.evidence import Evidence
 from analyze.pipeline.filling import estimate_filling, filling_label
+from analyze.pipeline.fixture import FixtureEstimate, alternatives_alone, object_alone, paper_alone
 from analyze.pipeline.frame_rate import (
     FrameRate,
     check_frame_rates,
@@ -59,7 +61,8 @@ from analyze.types import EquiPlane, TipMotion
 from schemas.strike_result import Verdict
 
 if TYPE_CHECKING:
-    pass
+    from analyze.geometry.object_model import ObjectModel
+    from schemas.object_spec import ObjectSpec
 
 from analyze.pipeline.equiplanes import equiplanes, systematic_errors
 from analyze.pipeline.paper import PaperEstimate, paper_estimate
@@ -119,7 +122,7 @@ class Estimate:
     perpendicular to the table at the balance angle phi, not corrected for the table's tilt"""
     inertial: InertialParameters
     """mass, centre of mass, inertia tensor and moments of the object, without its markers where the pose of
-    each marker with a mass is known, otherwise with them"""
+    each marker with a mass is known, otherwise with them; always without its fixture"""
     com_struck: CentreOfMass
     """centre of mass of the body that tipped, markers included"""
     scale: Scale
@@ -128,7 +131,7 @@ class Estimate:
     """mass and gravity behind moments about edges: `scale`, with gravity as estimated where it was a free
     parameter"""
     cells: Cells
-    """the body divided into cells, with the given or assumed shell (outer wall)"""
+    """the object, without its fixture, divided into cells, with the given or assumed shell (outer wall)"""
     distribution: MassDistribution
     """masses of the shell and of the interior on either side of a plane"""
     parts: PartMasses | None
@@ -163,6 +166,8 @@ class Estimate:
     marker on it is known"""
     surface_error: SurfaceError | None
     """error of the shape's faces, assumed and estimated; None if the object file states it"""
+    fixture: FixtureEstimate | None = None
+    """body that was struck, and errors by their cause, where the object is held in a fixture; else None"""
 
     @property
     def com(self) -> CentreOfMass:
@@ -172,6 +177,11 @@ class Estimate:
         the pose of any marker that has a mass is not known.
         """
         return self.inertial.com
+
+    @property
+    def com_balanced(self) -> CentreOfMass:
+        """Centre of mass in which the strikes' planes meet: `com`, but with the fixture if there is one."""
+        return self.com if self.fixture is None else self.fixture.struck.com
 
     @property
     def planes(self) -> tuple[EquiPlane, ...]:
@@ -211,11 +221,13 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
     )
     stated_planes = with_heading_errors(stated_planes, evidence, systematic, prior)
     scale = stated_scale(evidence)
-    cells = cells_from_voxels(
-        voxelise(model, (model.volume / CELLS) ** (1 / 3), shell_thickness(spec, model))
-    )
-    moments = MomentModel(scale, shape_prior(cells))
-    rates = check_frame_rates(evidence, stated_planes, systematic, prior, moments, cells)
+    struck_cells = _cells(spec, model)
+    cells = struck_cells if model.held is None else _cells(spec, model.own)
+    prior_of_moments = shape_prior(cells)
+    if model.held is not None:
+        prior_of_moments = fixture_prior(model.held, prior_of_moments)
+    moments = MomentModel(scale, prior_of_moments)
+    rates = check_frame_rates(evidence, stated_planes, systematic, prior, moments, struck_cells)
     planes, scale = drop_untimed_k(evidence, stated_planes, scale, rates)
     moments = replace(moments, scale=scale)
     solution = solve_joint(planes, systematic, prior, moments)
@@ -224,9 +236,10 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
     checks = check_solution(
         planes, systematic, prior, moments, solution, (model.hull_vertices, model.hull_planes)
     )
-    inertial = without_markers(struck, spec.marker) if can_subtract(spec.marker) else struck
+    bare = without_markers(struck, spec.marker) if can_subtract(spec.marker) else struck
+    inertial, fixture = object_alone(bare, model)
     priors = (systematic, prior, moments)
-    paper, struck_paper_planes = paper_estimate(evidence, used, cells, scale)
+    paper, struck_paper_planes = paper_estimate(evidence, used, struck_cells, scale)
     return Estimate(
         evidence=evidence,
         options=options,
@@ -236,15 +249,12 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         scale=scale,
         solved_scale=with_estimated_gravity(scale, solution),
         cells=cells,
-        distribution=region_masses(spec, model, cells, inertial, np.random.default_rng(options.seed)),
+        distribution=region_masses(spec, model.own, cells, inertial, np.random.default_rng(options.seed)),
         parts=_labelled_parts(evidence, cells, inertial, solution, options),
         filling=estimate_filling(
             evidence, cells, measured_moments(inertial), np.random.default_rng(options.seed)
         ),
-        paper=replace(
-            paper,
-            com=replace(paper.com, position=paper.com.position + inertial.com.position - struck.com.position),
-        ),
+        paper=paper_alone(paper, struck, bare, model),
         checks=checks,
         predictions=predict_strikes(evidence, checks.left_out),
         agreements=Agreements(
@@ -254,14 +264,25 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         ),
         frame_rates=tuple(rates),
         voxels=voxel_map(measured_moments(inertial), cells),
-        sensitivity=sensitivity(solution, prior, struck, inertial),
-        alternatives=estimate_alternatives(evidence, used, planes, priors, solution, struck),
+        sensitivity=sensitivity(
+            solution, prior, struck, inertial, ErrorSource.MASS if fixture is None else ErrorSource.FIXTURE
+        ),
+        alternatives=alternatives_alone(
+            estimate_alternatives(evidence, used, planes, priors, solution, struck), bare, fixture, inertial
+        ),
         edge_radii=estimated_radii(solution),
         radius_check=radius_check,
         scatter=scatter_range(systematic, solution.factors),
         rest=rest_turns([motion.rest_turns for motion in used]),
         surface_error=surface_error,
+        fixture=fixture,
     )
+
+
+def _cells(spec: ObjectSpec, model: ObjectModel) -> Cells:
+    """A body divided into about `CELLS` cells, with its given or an assumed shell (outer wall)."""
+    pitch = (model.volume / CELLS) ** (1 / 3)
+    return cells_from_voxels(voxelise(model, pitch, shell_thickness(spec, model)))
 
 
 def _used_motions(evidence: Evidence, options: EstimateOptions) -> list[TipMotion]:
@@ -315,11 +336,12 @@ def _labelled_parts(
     if not labels or filling_label(evidence) is not None:
         return None
     if evidence.bodies:
-        parts = parts_of_bodies(labels, evidence.bodies, spec.shape.file or spec.name)
+        fixed = {number for body in spec.fixture or [] for number in body.bodies}
+        parts = parts_of_bodies(labels, evidence.bodies, spec.shape.file or spec.name, fixed)
     else:
         parts = parts_of_cells(labels, cells, spec.name)
     names, solids = [name for name, _ in parts], [solid for _, solid in parts]
-    low, high = evidence.model.bounds
+    low, high = evidence.model.own.bounds
     whole = Box((low + high) / 2, high - low)
     boxes = [box_of(solid) if evidence.bodies else whole for solid in solids]
     faces = {plane.id: np.append(-plane.up, plane.level) for plane in resting_planes(evidence.model)}

@@ -41,7 +41,7 @@ def estimate_filling(
     label = filling_label(evidence)
     if label is None:
         return None
-    model, given = evidence.model, evidence.spec.shell_thickness_m
+    model, given = evidence.model.own, evidence.spec.shell_thickness_m
     if given is not None:
         shells = [Container(given, cells, model.hull_vertices)]
     else:

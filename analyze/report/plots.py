@@ -101,7 +101,9 @@ def projection_figures(estimate: Estimate, com_true: Array | None = None) -> lis
         Three figures: front (x, z), side (y, z) and top (x, y).
     """
     extent = np.ptp(estimate.evidence.model.vertices, axis=0)
-    com, covariance = estimate.com.position, estimate.com.covariance
+    com, covariance = estimate.com_balanced.position, estimate.com_balanced.covariance
+    if com_true is not None and estimate.fixture is not None:
+        com_true = estimate.fixture.held.com_struck(com_true)
     # The close-up shows the ellipse, the ground truth, and the planes that pass nearby.
     widest = 3 * float(np.sqrt(np.diag(covariance)).max())
     off = 0.0 if com_true is None else 1.5 * float(np.abs(com_true - com).max())
@@ -115,7 +117,7 @@ def _projection(
 ) -> Figure:
     i, j = view
     vertices = estimate.evidence.model.vertices
-    com = estimate.com.position
+    com = estimate.com_balanced.position
     with style():
         # Fixed margins align the close-ups of views that are next to each other on the page.
         figure = Figure(figsize=(3.05, 5.9))
@@ -125,12 +127,15 @@ def _projection(
         whole.add_patch(Polygon(1e3 * outline, facecolor=BODY, edgecolor=INK, lw=1.0))
         for axes in (whole, close):
             _planes(axes, estimate.planes, (i, j))
-            _centre(axes, com, estimate.com.covariance, (i, j))
+            _centre(axes, com, estimate.com_balanced.covariance, (i, j))
             if com_true is not None:
                 axes.plot(*(1e3 * com_true[list(view)]), "x", color=RED, ms=7, mew=1.8, zorder=6)
             axes.set_xlabel(f"{'xyz'[i]} [mm]")
             axes.set_ylabel(f"{'xyz'[j]} [mm]")
-        close.plot(*(1e3 * estimate.paper.com.position[list(view)]), "D", color=ORANGE, ms=5, zorder=4)
+        by_paper = estimate.paper.com.position
+        if estimate.fixture is not None:
+            by_paper = estimate.fixture.held.com_struck(by_paper)
+        close.plot(*(1e3 * by_paper[list(view)]), "D", color=ORANGE, ms=5, zorder=4)
         _axis_names(whole, estimate.planes, (i, j), com)
         close.set_aspect("equal")
         plain(whole)

@@ -25,6 +25,7 @@ from analyze.report.summary import DEGREES, filling_rows, robustness_rows
 from analyze.report.truth import ShownTruth, shown_truth
 from analyze.report.voxel_map import voxel_figures, voxel_map_text
 from analyze.result.digits import decimals, number, signed
+from analyze.result.fixture import fixture_lines
 from analyze.result.frame_times import frame_time_lines
 from analyze.result.headline import com_entries, edge_labels, further_warnings, headline
 from analyze.result.radius import radius_lines
@@ -129,6 +130,7 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
             ),
             predictions=[figure_element(figure) for figure in prediction_figures(estimate.predictions)],
             warnings=further_warnings(result),
+            fixture=fixture_lines(result),
             missed=[each for each in estimate.predictions if not each.consistent],
             filling=[] if result.filling is None else filling_rows(result.filling),
             robustness=robustness_rows(result.robustness or []),
@@ -171,7 +173,7 @@ def answer_summary(answer: Answer) -> str:
             f"{count} They do not determine the centre of mass along one direction; the number given along it"
             " comes from the shape."
         )
-    shift = com.position - estimate.evidence.model.centroid
+    shift = com.position - estimate.evidence.model.own.centroid
     text = f"The centre of mass lies {1e3 * np.linalg.norm(shift):.1f}\u00a0mm from the middle of the volume."
     return f"{text} {_heaviest_in_words(estimate.distribution)} {count}"
 

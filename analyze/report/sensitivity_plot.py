@@ -32,6 +32,7 @@ REMEDIES = {
     ErrorSource.K: "strikes that pass upright, in which φ determines c and k contributes little",
     ErrorSource.PRIOR: "strikes about axes in new directions",
     ErrorSource.MASS: "object and markers weighed more precisely",
+    ErrorSource.FIXTURE: "a lighter fixture, weighed by itself, and the object's place in it measured",
 }
 """Remedy that reduces each kind of error, as the end of a sentence."""
 

@@ -9,6 +9,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from analyze.result.digits import ScaledUnit, open_interval, signed, with_interval
+from analyze.result.fixture import fixture_lines
 from analyze.result.frame_times import frame_time_lines
 from analyze.result.headline import Headline, edge_labels, further_warnings, headline
 from analyze.result.radius import radius_lines
@@ -50,8 +51,8 @@ def render_summary(answer: Answer, console: Terminal | None = None) -> None:
         elif len(recording.files) > 1:
             console.print(f"in {counted(len(recording.files), 'file')}: {', '.join(recording.files)}")
     _print_answer(shown, console)
-    for sentence in result.verdict or []:
-        console.print(sentence)
+    for line in [*fixture_lines(result), *(result.verdict or [])]:
+        console.print(line)
     console.print()
     for line in [
         *tilt_lines(result),

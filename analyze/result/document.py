@@ -10,6 +10,7 @@ from analyze.pipeline.filling import filling_label
 from analyze.planning.edge_names import edge_names
 from analyze.result.assessment import assessment
 from analyze.result.filling import filling_document, filling_warnings
+from analyze.result.fixture import fixture_document
 from analyze.result.frame_times import frame_times_documents
 from analyze.result.quantities import (
     com_quantity,
@@ -75,6 +76,7 @@ def result_document(estimate: Estimate) -> Result:
             parts=None if estimate.parts is None else parts_document(estimate.parts),
             filling=filling,
             frame_times=frame_times or None,
+            fixture=fixture_document(estimate.fixture),
             robustness=robustness_documents(estimate) or None,
         )
     )

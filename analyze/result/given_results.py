@@ -169,6 +169,8 @@ def given_from_result(result: Result, name: str, mass: float) -> EarlierResult:
         PlanError: the result holds no strike that was used, or no centre of mass.
     """
     com, inertia = result.centre_of_mass, result.inertia
+    if result.fixture is not None:  # the plan is for what is struck
+        com, inertia = result.fixture.struck_centre_of_mass, result.fixture.struck_inertia
     strikes = [
         StrikeMade(
             planned_axis(strike.axis_id),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.estimation.common_point import common_point
+from analyze.estimation.fixture import CENTRE_CAUSE, INERTIA_CAUSE, MASS_CAUSE, PLACE_CAUSE, TURN_CAUSE
 from analyze.estimation.what_ifs import WhatIf
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.types import TENSOR_ENTRIES, tensor_entry_name
@@ -32,6 +33,14 @@ NEAR_POINT_SHARE = 0.2
 are said to meet there nearly"""
 EXACT_POINT_M = 1e-3
 """largest distance [m] of the struck edges from one point at which they are said to meet there"""
+FIXTURE_REMEDIES = {
+    MASS_CAUSE: "weigh the fixture by itself, with its tags, on a better scale",
+    CENTRE_CAUSE: "state its com_m more closely, or use a lighter fixture",
+    INERTIA_CAUSE: "state its unit_inertia_m2 more closely, or use a lighter fixture",
+    PLACE_CAUSE: "measure where the object sits, and state place_sd_m in [held]",
+    TURN_CAUSE: "measure how the object sits, and state turn_sd_rad in [held]",
+}
+"""what to do about each part of the error that a fixture causes"""
 WORD = ("trust", "doubt", "not determined")
 """first words of the sentences on quantities, in the order of the sentences"""
 
@@ -96,6 +105,17 @@ def singular_text(estimate: Estimate) -> str:
     return f"the {shared.edges} struck edges {miss}: strike about an edge that does not lead there"
 
 
+def fixture_text(estimate: Estimate) -> str:
+    """Clause on the fixture's part of the error of the centre of mass, and what to do; "" if it is small."""
+    if estimate.fixture is None:
+        return ""
+    strikes, *others = estimate.fixture.shares
+    worst = max(others, key=lambda share: float(np.trace(share.com_covariance)))
+    if float(np.trace(worst.com_covariance)) < float(np.trace(strikes.com_covariance)):
+        return ""
+    return f"most of it is the {worst.cause}: {FIXTURE_REMEDIES[worst.cause]}"
+
+
 def scatter_text(scatter: ScatterRange) -> str:
     """Clause on balance angles that scatter from strike to strike more than usual [°], and what to do."""
     low, high, usual = np.degrees([scatter.low, scatter.high, scatter.stated])
@@ -117,12 +137,12 @@ def _com_text(estimate: Estimate) -> str:
             f"not determined: the centre of mass along ({x:.2f}, {y:.2f}, {z:.2f}): there it comes from the"
             f" shape, to ± {1e3 * half:.0f} mm; {singular_text(estimate)}"
         )
-    lower, upper = estimate.evidence.model.bounds
+    lower, upper = estimate.evidence.model.own.bounds
     extent = float(np.abs(vectors[:, -1]) @ (np.asarray(upper) - lower)) / 2
     if half > MAX_TRUSTED_COM_SHARE * extent:
         return (
             f"doubt the centre of mass: it is known only to {1e3 * half:.1f} mm along"
-            f" {_direction_text(vectors[:, -1])}; {singular_text(estimate)}"
+            f" {_direction_text(vectors[:, -1])}; {fixture_text(estimate) or singular_text(estimate)}"
         )
     if estimate.scatter.exceeds:
         return f"doubt the centre of mass, stated to {1e3 * half:.1f} mm: {scatter_text(estimate.scatter)}"
