@@ -30,6 +30,8 @@ _FACE_CUTS = 4
 CORNER_TOLERANCE_M = 5e-5
 """usual distance by which a body may protrude from the hull of the corners that stand for it [m]"""
 _MOST_CORNERS = 240
+_MOST_HEIGHTS = 4_000_000
+"""number of heights of corners over planes that are held at a time"""
 _BLIND_CUTS = 2
 """number of times that a part is halved without a gain: a ring's hulls shrink only from its quarters on"""
 
@@ -142,15 +144,18 @@ def convex_parts(triangles: NDArray[np.float64], inside: NDArray[np.float64], vo
     )
 
 
-def few_corners(points: NDArray[np.float64], tolerance_m: float = CORNER_TOLERANCE_M) -> NDArray[np.float64]:
+def few_corners(
+    points: NDArray[np.float64], tolerance_m: float = CORNER_TOLERANCE_M, most: int = _MOST_CORNERS
+) -> NDArray[np.float64]:
     """Corners (c, 3) among points whose hull contains all of them but for a tolerance.
 
-    The corners farthest outside the hull are added until none is farther out than the tolerance. Finely
-    meshed round bodies keep some 240 corners at most.
+    The corners farthest outside the hull are added until none is farther out than the tolerance, or there
+    are about as many as allowed.
 
     Args:
         points: (n, 3) points [m].
         tolerance_m: largest distance by which a point may lie outside the hull of those kept [m].
+        most: number of corners from which on none are added; finely meshed round bodies reach it.
 
     Raises:
         QhullError: the points lie in a plane.
@@ -159,18 +164,21 @@ def few_corners(points: NDArray[np.float64], tolerance_m: float = CORNER_TOLERAN
     ends = np.concatenate([points.argmin(axis=0), points.argmax(axis=0)])
     spread = np.linalg.norm(points - points.mean(axis=0), axis=1).argsort()[-2:]
     kept = np.unique(np.concatenate([ends, spread]))
-    while len(kept) < min(_MOST_CORNERS, len(points)):
+    while len(kept) < min(most, len(points)):
         try:
             planes = ConvexHull(points[kept]).equations
         except QhullError:  # flat so far
             missing = np.setdiff1d(np.arange(len(points)), kept)
             kept = np.union1d(kept, missing[:: max(1, len(missing) // 8)])
             continue
-        height = points @ planes[:, :3].T + planes[:, 3]
-        if height.max() < tolerance_m:
-            break
         # The farthest corner over every plane: one after the other would need as many hulls.
-        kept = np.union1d(kept, height.argmax(axis=0)[height.max(axis=0) > tolerance_m])
+        farthest = np.array([], dtype=np.int64)
+        for some in np.array_split(planes, 1 + len(planes) * len(points) // _MOST_HEIGHTS):
+            height = points @ some[:, :3].T + some[:, 3]
+            farthest = np.union1d(farthest, height.argmax(axis=0)[height.max(axis=0) > tolerance_m])
+        if not len(farthest):
+            break
+        kept = np.union1d(kept, farthest)
     return points[kept]
 
 

@@ -22,10 +22,11 @@ from scipy.spatial import QhullError
 
 from acquire.errors import ConfigError
 from acquire.virtual.bottle_shapes import read_stl
-from acquire.virtual.contact_shape import inset_corners
+from acquire.virtual.contact_shape import contact_centres
 from acquire.virtual.convex_parts import ConvexParts, convex_parts, few_corners
 from acquire.virtual.given_truth import GivenTruth, read_given_truth
-from acquire.virtual.hidden import box_depth, cylinder_depth, mesh_depth, sample_body
+from acquire.virtual.held_masses import alone, mesh_points, separate_surfaces, with_fixture
+from acquire.virtual.hidden import box_depth, cylinder_depth, sample_body
 from acquire.virtual.mesh_samples import sample_mesh
 from acquire.virtual.objects import VirtualObject
 from acquire.virtual.own_masses import default_shell_m, own_body
@@ -43,8 +44,8 @@ if TYPE_CHECKING:
 
     from acquire.virtual.hidden import HiddenBody
 
-_SAMPLES, _FEW_SAMPLES = 400_000, 40_000
-"""samples of the bounding box for the mass distribution, and for the division into convex parts"""
+_FEW_SAMPLES = 40_000
+"""samples of the bounding box for the division into convex parts"""
 _EDGE_RADIUS_M = (0.0002, 0.0015)
 """range of an edge radius that the object file leaves out [m]"""
 _SHARPEST_M = 2e-5
@@ -360,10 +361,12 @@ def _body(spec: ObjectSpec, exterior: _Exterior, given: GivenTruth, rng: np.rand
     elif spec.shape.cylinder is not None:
         cylinder = spec.shape.cylinder
         points, depths = sample_body(low, high, cylinder_depth(cylinder.radius_m, cylinder.height_m / 2))
+    elif spec.fixture is not None:
+        surfaces = separate_surfaces(spec, exterior.triangles)
+        inside = mesh_points(surfaces.own, shell_m)
+        return with_fixture(spec, own_body(alone(spec), given, *inside, shell_m, rng), surfaces)
     else:
-        points = sample_mesh(exterior.triangles, _SAMPLES)
-        depth = mesh_depth(exterior.triangles, lambda found: np.ones(len(found), dtype=bool), shell_m)
-        depths = depth(points)
+        points, depths = mesh_points(exterior.triangles, shell_m)
     return own_body(spec, given, points, depths, shell_m, rng)
 
 
@@ -376,8 +379,8 @@ def _refuse_round_edges(virtual: VirtualObject) -> None:
     """
     try:
         fits = 2.2 * virtual.edge_radius_m < float(np.ptp(virtual.mesh_vertices, axis=0).min())
-        if fits and virtual.spec.shape.cylinder is None:
-            inset_corners(virtual.hull_vertices, virtual.edge_radius_m)
+        if fits:
+            contact_centres(virtual)
     except QhullError:
         fits = False
     if not fits:
