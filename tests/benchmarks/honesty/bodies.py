@@ -54,6 +54,10 @@ class TrueBody:
     """True if the object file states the thickness"""
     labels: tuple[str, ...] = ()
     """names of the parts that the object file labels, one per piece"""
+    settles: bool = False
+    """True if the body, put down as planned, settles on the nearest face that holds its centre of mass"""
+    struck_beside: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """(3,) point in O beside which strikes are aimed [m]"""
 
     def spec(self, **changes: object) -> ObjectSpec:
         """Object file of a careful user; `changes` replace entries."""

@@ -128,8 +128,8 @@ def run_session(
         return None
     order = (list(MAKERS).index(body), list(DISTURBANCES).index(disturbance_name))
     rng = np.random.default_rng((0x5E55, seed, *order))
-    motions, truths = _strikes(described, made, (disturbance, images), bank, rng)
-    evidence = _evidence(described, made, disturbance, motions, rng)
+    motions, truths = make_strikes(described, made, (disturbance, images), bank, rng)
+    evidence = session_evidence(described, made, disturbance, motions, rng)
     try:
         estimate = estimate_evidence(evidence)
     except AnalyzeError as error:
@@ -137,7 +137,7 @@ def run_session(
     return Trial(made, evidence, estimate, result_document(estimate), "", truths)
 
 
-def _strikes(
+def make_strikes(
     described: Description,
     made: Specimen,
     how: tuple[Disturbance, bool],
@@ -212,7 +212,7 @@ def _swapped(planned: list[PlannedStrike], rng: np.random.Generator) -> dict[str
     return labels
 
 
-def _evidence(
+def session_evidence(
     described: Description,
     made: Specimen,
     disturbance: Disturbance,

@@ -41,6 +41,14 @@ AFTER_LANDING = 0.12
 PAST_BALANCE = math.radians(50)
 TRIES = 8
 """attempts to make a strike tip over, each with more energy"""
+SPARE_TURN, SPARE_STEP, SPARE_HEIGHT = math.radians(12), math.radians(2), 8e-3
+"""turns beyond those of a tip, their step, and height [m] up to which spheres may touch the table"""
+MOST_SETTLING = math.cos(math.radians(8))
+"""cosine of the angle by which a body may settle against the planned pose"""
+SAME_FACE, SAME_PLANE = math.cos(math.radians(0.05)), 2e-5
+"""cosine of the angle, and distance [m], up to which facets of the hull are one face"""
+LONG_EDGE = 0.3
+"""length of an edge over its face's extent, from which on a user puts the body down along it"""
 SNAP = math.cos(math.radians(6))
 """largest angle between a planned face or edge and the true one that it stands for"""
 
@@ -85,6 +93,49 @@ def faces_of(body: TrueBody) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
     return normals / np.linalg.norm(normals, axis=1, keepdims=True), edges, np.bincount(label, sides)
 
 
+def settled_pose(specimen: Specimen, R_planned: np.ndarray) -> np.ndarray | None:
+    """True rest rotation (3, 3), from O to W, of a body put down as planned and left to settle.
+
+    It rests on the face of the hull of its contact spheres that lies nearest to the table and holds the
+    centre of mass; None if that is tilted by more than `MOST_SETTLING` against the plan. A long edge of the
+    face nearly square to the tip is put square to it.
+    """
+    hull = _contact_hull(specimen.body)
+    normals, up, along = hull.equations[:, :3], R_planned[2], R_planned[1]
+    near = np.flatnonzero(-normals @ up > MOST_SETTLING)
+    for facet in near[np.argsort(normals[near] @ up)]:
+        a, b, c = hull.points[hull.simplices[facet]]
+        shares = np.linalg.lstsq(np.stack([a - c, b - c]).T, specimen.com - c, rcond=None)[0]
+        if min(*shares, 1 - shares.sum()) >= 0:
+            break
+    else:
+        return None
+    up = -normals[facet]
+    same = np.flatnonzero(
+        (normals @ normals[facet] > SAME_FACE)
+        & (np.abs(hull.equations[:, 3] - hull.equations[facet, 3]) < SAME_PLANE)
+    )
+    corners = hull.points[np.unique(hull.simplices[same])]
+    sides = [
+        np.delete(hull.simplices[i], k) for i in same for k in range(3) if hull.neighbors[i][k] not in same
+    ]
+    edges = np.array([hull.points[second] - hull.points[first] for first, second in sides])
+    long = edges[np.linalg.norm(edges, axis=1) > LONG_EDGE * float(np.ptp(corners, axis=0).max())]
+    along = along - up * (along @ up)
+    along /= np.linalg.norm(along)
+    if len(long):
+        long = long / np.linalg.norm(long, axis=1, keepdims=True)
+        best = long[int(np.argmax(np.abs(long @ along)))]
+        if abs(best @ along) > SNAP:
+            along = best * np.sign(best @ along)
+    return np.stack([np.cross(along, up), along, up])
+
+
+@lru_cache(maxsize=4)
+def _contact_hull(body: TrueBody) -> ConvexHull:
+    return ConvexHull(body.centres)
+
+
 def true_rest_pose(specimen: Specimen, R_planned: np.ndarray) -> np.ndarray:
     """True rest rotation (3, 3), from O to W: that nearest to the plan's with a true face on the table.
 
@@ -106,8 +157,8 @@ def true_rest_pose(specimen: Specimen, R_planned: np.ndarray) -> np.ndarray:
     return np.stack([np.cross(along, up), along, up])
 
 
-def model_xml(specimen: Specimen, tilt: np.ndarray) -> str:
-    """MuJoCo model (MJCF) of the specimen on the springy table top."""
+def model_xml(specimen: Specimen, tilt: np.ndarray, touching: np.ndarray | None = None) -> str:
+    """MuJoCo model (MJCF) of the specimen on the springy table top, with the `touching` spheres or all."""
     I = specimen.inertia  # noqa: E741 - the field's name
     mass, frequency, damping = specimen.plate
     spring = f'stiffness="{mass * frequency**2:.6g}" damping="{2 * damping * frequency * mass:.6g}"'
@@ -115,8 +166,9 @@ def model_xml(specimen: Specimen, tilt: np.ndarray) -> str:
     friction = f'friction="{specimen.friction:.6g} 0.005 0.0001"'
     contact = 'solref="0.001 1" solimp="0.995 0.9995 0.0001"'
     spheres = "\n".join(
-        f'<geom type="sphere" size="{r:.9g}" contype="0" conaffinity="1" {friction} pos="{_text(c)}"/>'
-        for c, r in zip(body.centres, body.radii, strict=True)
+        f'<geom type="sphere" size="{body.radii[i]:.9g}" contype="0" conaffinity="1" {friction}'
+        f' pos="{_text(body.centres[i])}"/>'
+        for i in (range(len(body.radii)) if touching is None else touching)
     )
     inertia = _text([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]])
     return f"""<mujoco>
@@ -165,7 +217,10 @@ class Bank:
             tilt: (2,) tilt of the table [rad].
             variant: "over" or "back" with a number: energy and duration of the push are drawn from it.
         """
-        R_rest = true_rest_pose(specimen, R_planned)
+        settles = specimen.body.settles
+        R_rest = (settled_pose if settles else true_rest_pose)(specimen, R_planned)
+        if R_rest is None:
+            return None
         height = round(height, 3)
         tip = true_tip(specimen, R_rest, tilt)
         if tip is None:
@@ -223,7 +278,8 @@ def _strike(
     energy = rng.uniform(0.85, 0.97) if back else rng.uniform(1.03, 1.3)
     seconds = rng.uniform(0.002, 0.004)
     height = min(height * rng.uniform(0.98, 1.02), 0.98 * _tall(specimen, R_rest))
-    model = mujoco.MjModel.from_xml_string(model_xml(specimen, tilt))
+    touching = _touching(specimen.body, R_rest, tip.phi) if specimen.body.settles else None
+    model = mujoco.MjModel.from_xml_string(model_xml(specimen, tilt, touching))
     motion = None
     for _ in range(1 if back else TRIES):
         impulse = math.sqrt(2 * specimen.masses.sum() * G * tip.rise * energy * tip.i_edge) / height
@@ -234,6 +290,17 @@ def _strike(
         energy *= 1.07
     assert motion is not None
     return motion
+
+
+def _touching(body: TrueBody, R_rest: np.ndarray, phi: float) -> np.ndarray:
+    """Numbers of the spheres that a tip can bring near the table: it turns, rolls aside, and lands."""
+    theta, roll = np.meshgrid(
+        np.arange(-SPARE_TURN, phi + PAST_BALANCE + SPARE_TURN, SPARE_STEP),
+        np.arange(-SPARE_TURN, SPARE_TURN + SPARE_STEP, SPARE_STEP),
+    )
+    turned = Rotation.from_euler("XY", np.stack([roll.ravel(), theta.ravel()], axis=-1)).as_matrix()
+    height = body.centres @ (turned[:, 2] @ R_rest).T
+    return np.flatnonzero((height - height.min(axis=0) < SPARE_HEIGHT).any(axis=1))
 
 
 def _tall(specimen: Specimen, R_rest: np.ndarray) -> float:
@@ -258,7 +325,8 @@ def _poses(
     data = mujoco.MjData(model)
     # The centre line of the edge lies over y, as planned; the plan's impact point is at y = 0.
     low = float((specimen.body.centres @ R_rest[2] - specimen.body.radii).min())
-    data.qpos[1:4] = (-float(R_rest[0] @ tip.line), 0.0, -low)
+    beside = float(R_rest[1] @ np.array(specimen.body.struck_beside))
+    data.qpos[1:4] = (-float(R_rest[0] @ tip.line), -beside, -low)
     x, y, z, w = Rotation.from_matrix(R_rest).as_quat()
     data.qpos[4:8] = (w, x, y, z)
     for _ in range(round(SETTLING / STEP)):
