@@ -11,6 +11,7 @@ from analyze.errors import RecordingError
 from analyze.reading.compressed_video import SCHEMA as VIDEO
 from analyze.reading.image_message import decode_image
 from analyze.reading.indexed_file import RecordedMessage
+from analyze.reading.not_a_recording import not_a_recording
 from analyze.reading.recording_head import parse_manifest, parse_plan, shape_attachment
 from analyze.types import ImageFrame
 from schemas.mcap import records as container
@@ -207,7 +208,7 @@ class FollowedRecording:
             if len(magic) < len(container.MAGIC):
                 return False
             if magic != container.MAGIC:
-                raise RecordingError(f"{self.path}: is not a recording: it does not begin like an MCAP file")
+                raise RecordingError(not_a_recording(self.path))
             self._at = len(magic)
         return True
 

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analyze.errors import RecordingCut, RecordingError, RecordingForeign
+from analyze.reading.not_a_recording import not_a_recording
 from schemas.mcap import records as container
 from schemas.mcap.chunks import chunk_messages, parse_chunk_offsets
 from schemas.mcap.records import AttachmentRecord, ChannelRecord, ContainerError, MessageRecord
@@ -238,16 +239,14 @@ def map_recording(path: Path) -> memoryview:
         raise RecordingCut(
             f"{path}: is empty: nothing of this recording can be saved: record again"
         ) from None
-    except IsADirectoryError as error:
-        inside = sorted(file.name for file in path.glob("*.mcap"))  # ROS 2 keeps a bag in a folder
-        remedy = f": name a file in it, as {inside[0]}" if inside else ""
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}{remedy}") from None
+    except IsADirectoryError:
+        raise RecordingError(not_a_recording(path)) from None
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
     magic = container.MAGIC
     if bytes(data[: len(magic)]) != magic:
         data.release()
-        raise RecordingForeign(f"{path}: is not a recording: it does not begin like an MCAP file")
+        raise RecordingForeign(not_a_recording(path))
     return data
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from analyze.errors import RecordingCut, RecordingError
+from analyze.reading.not_a_recording import not_a_recording
 
 _MAGIC = b"\x89MCAP0\r\n"
 _PART = ".part"
@@ -45,13 +46,15 @@ def find_recording(file: Path) -> RecordingFile:
             head = stream.read(len(_MAGIC))
     except FileNotFoundError:
         raise RecordingError(f"{file}: no such recording: check the path") from None
+    except IsADirectoryError:
+        raise RecordingError(not_a_recording(path)) from None
     except OSError as error:
         raise RecordingError(f"{file}: cannot be read: {error.strerror}") from None
     growing = path.suffix == _PART and is_fresh(path)
     if not head and not growing:
         raise RecordingCut(f"{file}: is empty: nothing of this recording can be recovered: record again")
     if head[: len(_MAGIC)] != _MAGIC[: len(head)]:
-        raise RecordingError(f"{file}: is not a recording: it does not begin like an MCAP file")
+        raise RecordingError(not_a_recording(path))
     return RecordingFile(path, growing)
 
 

@@ -105,7 +105,9 @@ def drawn_answer(estimate: Estimate) -> DrawnAnswer:
         DrawnRegion(name, _thinned(cells.points[member]))
         for name, member in zip(distribution.names, members, strict=False)
     )
-    return DrawnAnswer(result_document(estimate), estimate.planes, estimate.com, regions, estimate.voxels)
+    return DrawnAnswer(
+        result_document(estimate), estimate.planes, estimate.com_balanced, regions, estimate.voxels
+    )
 
 
 def contact_from_motion(motion: TipMotion) -> int | None:

@@ -20,6 +20,8 @@ GAP_INTERVALS = 1.6
 """gap between two frames, in frame intervals, from which on a frame is missing"""
 COARSE_STEP_FRACTION = 0.01
 """step of the stamps, relative to the frame interval, above which it is coarse (Matroska: milliseconds)"""
+ROUNDING_STEPS = 1e-6
+"""room for the arithmetic's rounding in a comparison of stamps [steps]"""
 RECENT_INTERVALS = 15
 """number of intervals that determine the current rate: a phone's changes with the light"""
 MIN_TIME_SD_NS = 1_000
@@ -187,18 +189,24 @@ def time_sd_ns(times: list[int]) -> int:
 
 
 def _is_steady(steps: NDArray[np.int64], interval: Fraction) -> bool:
-    """True if time stamps lie on multiples of a constant frame interval, to within one step.
+    """True if time stamps are the multiples of a constant frame interval, each rounded to a whole step.
 
-    A step is the unit in which the video file states time stamps. The median distance between neighbouring
-    stamps must also be about one interval.
+    A step is the unit in which the video file states time stamps. Rounding moves all stamps by less than one
+    step against each other, and no two of them are those of the same multiple; the median distance between
+    neighbouring stamps must also be about one interval.
 
     Args:
         steps: (n,) increasing stamps since the first [steps].
         interval: frame interval [steps].
     """
     places = steps / float(interval)
-    off = np.abs(steps - np.rint(places) * float(interval))
-    return bool(off.max() <= 1.0 and np.median(np.diff(places)) < 1 + SAME_INTERVAL_FRACTION)
+    numbers = np.rint(places)
+    off = steps - numbers * float(interval)
+    return bool(
+        np.ptp(off) <= 1.0 + ROUNDING_STEPS
+        and len(np.unique(numbers)) == len(numbers)
+        and np.median(np.diff(places)) < 1 + SAME_INTERVAL_FRACTION
+    )
 
 
 def interval_range(times_ns: NDArray[np.int64]) -> tuple[float, float]:

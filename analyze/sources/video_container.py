@@ -55,9 +55,10 @@ def stated_end_s(container: InputContainer, timing: FrameTiming) -> float | None
     longer.
 
     Returns:
-        The time; None if the file states no duration.
+        The time; None if the file states no duration. A GIF states none: FFmpeg's is the sum of what the
+        file has, with a last image that may be held for long.
     """
-    if container.duration is None:
+    if container.duration is None or container.format.name == "gif":
         return None
     # A sound track may be a moment longer.
     slack_s = 2.5 * timing.interval_s if len(container.streams) == 1 else 1.0

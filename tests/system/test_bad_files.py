@@ -76,7 +76,7 @@ def test_an_object_file_with_a_mistake(tmp_path: Path, old: str, new: str, says:
         (MESH.replace('"mm"', '"in"'), JUICE_STL, r"body.stl: .* did you mean unit = \"mm\"\?"),
         (
             MESH,
-            JUICE_STL[:80] + (40).to_bytes(4, "little") + JUICE_STL[84 : 84 + 40 * 50],
+            JUICE_STL[:80] + (12).to_bytes(4, "little") + JUICE_STL[84 : 84 + 12 * 50],
             r"body.stl: not a closed body \(\d+ open edges.*: close",
         ),
         (MESH, JUICE_STL[:2000], r"body.stl: cannot be read as STL: .*export it anew"),

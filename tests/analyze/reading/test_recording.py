@@ -110,7 +110,7 @@ def test_only_read_truth_reads_ground_truth(whole: Path, tmp_path: Path) -> None
 def test_bad_files_are_one_line_each(tmp_path: Path, whole: Path) -> None:
     with pytest.raises(RecordingError, match="no such recording"):
         open_recording(tmp_path / "missing.mcap")
-    with pytest.raises(RecordingError, match="cannot be read"):
+    with pytest.raises(RecordingError, match="is a folder, not a recording: name an MCAP file"):
         open_recording(tmp_path)
     (tmp_path / "empty.mcap").write_bytes(b"")
     with pytest.raises(RecordingCut, match="is empty"):

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from analyze.errors import ImportRefused
 from analyze.sources.open_source import SourceOptions, open_source
@@ -183,3 +184,17 @@ def test_video_of_a_single_frame_is_refused(tmp_path):
     path = Path(write_video(tmp_path / "a.mkv", tip()[:1]))
     with pytest.raises(ImportRefused, match="fewer than two frames"):
         VideoSource(path)
+
+
+@pytest.mark.parametrize("delays", [[1, 3], [2, 3], [3, 3, 4], [6, 6, 6, 1, 11]])
+def test_gif_with_uneven_delays_has_their_times(tmp_path, delays):
+    """Its hundredths of a second are too coarse for the mean rate that FFmpeg states; its end is held."""
+    random = np.random.default_rng(0)
+    steps = np.array([*(delays * 12)[:-1], 200])
+    images = [Image.fromarray(random.integers(0, 255, (48, 64), dtype=np.uint8)) for _ in steps]
+    path = tmp_path / "tip.gif"
+    images[0].save(path, save_all=True, append_images=images[1:], duration=[int(10 * each) for each in steps])
+    source = VideoSource(path)
+    times = [frame.time_ns for frame in source.frames()]
+    assert np.array_equal(times, 10**7 * np.concatenate([[0], np.cumsum(steps[:-1])]))
+    assert not any("cut short" in remark for remark in source.remarks)

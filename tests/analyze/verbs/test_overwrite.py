@@ -18,6 +18,7 @@ from tests.places import FIRST_SAMPLE
 SAMPLE = str(FIRST_SAMPLE)
 WRITERS = {
     ("shape", "-o"): ["shape", "object.toml"],
+    ("fixture", "-o"): ["fixture", "object.toml"],
     ("plan", "-o"): ["plan", "object.toml"],
     ("plan", "--rerun"): ["plan", "object.toml"],
     ("estimate", "--voxels"): ["estimate", SAMPLE],
@@ -37,7 +38,7 @@ WRITERS = {
     ("reproduce cube-tosses", "--plot"): ["reproduce", "cube-tosses"],
 }
 """a command line for each option that names a file to write, without that option"""
-FORCED = {"calibrate", "register", "import"}
+FORCED = {"calibrate", "fixture", "register", "import"}
 """verbs with --force"""
 READ = {"--object", "--rig", "--camera", "--given", "--table", "--times", "--plan", "--data"}
 FOLDERS = {"--out", "--csv"}

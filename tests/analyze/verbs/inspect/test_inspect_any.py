@@ -288,3 +288,19 @@ def test_every_key_of_the_json_is_in_the_guide():
         *rows,
     ):
         assert [key for key in keys if f"`{key}`" not in guide] == []
+
+
+@pytest.mark.parametrize("verb", ["inspect", "estimate", "report", "replay"])
+def test_a_file_to_import_is_told_so(tmp_path, verb):
+    """A video, a folder of images or a bag is no recording yet: `analyze import` makes one."""
+    video, images, bag_folder = tmp_path / "s1.mp4", tmp_path / "s1", tmp_path / "bag"
+    video.write_bytes(b"\x00\x00\x00\x20ftypisom" + bytes(40))
+    images.mkdir()
+    (images / "000.png").write_bytes(b"")
+    bag_folder.mkdir()
+    (bag_folder / "metadata.yaml").write_text("rosbag2_bagfile_information: {}")
+    (bag_folder / "bag_0.mcap").write_bytes(b"")
+    for path, what in ((video, "a video"), (images, "a folder of images"), (bag_folder, "a ROS 2 bag")):
+        result = CliRunner().invoke(analyze, [verb, str(path)])
+        assert result.exit_code != 0
+        assert f"is {what}, not a recording: `analyze import {path.name}`" in result.output

@@ -1,0 +1,63 @@
+"""Text for a path that is no recording: what it is instead, and the command that makes a recording of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+BAG_METADATA = "metadata.yaml"
+"""file in the folder of a ROS 2 bag"""
+_IMAGES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp"})
+_VIDEO_MAGIC = (
+    (4, b"ftyp"),
+    (4, b"moov"),
+    (4, b"mdat"),
+    (0, b"\x1aE\xdf\xa3"),
+    (8, b"AVI "),
+    (0, b"GIF8"),
+    (0, b"\x00\x00\x01\xba"),
+    (0, b"FLV"),
+)
+"""places and bytes by which MP4, Matroska, AVI, GIF, MPEG and Flash videos are recognised"""
+_SQLITE = b"SQLite format 3\x00"
+
+
+def not_a_recording(path: Path) -> str:
+    """Sentence for the user: what an existing file or folder is that is no recording, and what to do.
+
+    Videos, folders of images and bags of ROS 2 are named, with the command `analyze import`, which makes
+    recordings of them.
+
+    Args:
+        path: the file or folder; it may be unreadable.
+    """
+    try:
+        what = _of_folder(path) if path.is_dir() else _of_file(path)
+    except OSError as error:
+        return f"{path}: cannot be read: {error.strerror}"
+    inside = sorted(file.name for file in path.glob("*.mcap"))
+    name_one = f"name a file in it, as {inside[0]}" if inside else ""
+    if what is not None:
+        to_import = f"`analyze import {path.name}` makes one of it (options: `analyze import --help`)"
+        return f"{path}: is {what}, not a recording: {to_import}{'; or ' if inside else ''}{name_one}"
+    if not path.is_dir():
+        return f"{path}: is not a recording: it does not begin like an MCAP file"
+    return f"{path}: is a folder, not a recording: {name_one or 'name an MCAP file'}"
+
+
+def _of_folder(path: Path) -> str | None:
+    """Kind of a folder that `analyze import` reads; None for others."""
+    names = [file.suffix.lower() for file in path.iterdir()]
+    if (path / BAG_METADATA).is_file():
+        return "a ROS 2 bag"
+    return "a folder of images" if any(name in _IMAGES for name in names) else None
+
+
+def _of_file(path: Path) -> str | None:
+    """Kind of a file that `analyze import` reads, by its first bytes; None for others."""
+    with path.open("rb") as file:
+        head = file.read(16)
+    if head.startswith(_SQLITE) and path.suffix.lower() == ".db3":
+        return "a ROS 2 bag"
+    if any(head[at : at + len(magic)] == magic for at, magic in _VIDEO_MAGIC):
+        return "a video"
+    return None
