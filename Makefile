@@ -14,7 +14,7 @@ OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(basename $(notdir $(OBJECT)))-$(SEED).mcap
 
-.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-honesty bench-batch bench-import protos lock clean
+.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-honesty bench-world-sessions bench-batch bench-import bench-world bench-world-strikes protos lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -55,7 +55,7 @@ demo: setup  ## a whole session on the virtual rig, and its answer compared with
 	@echo "next: source $(BIN)/activate, then analyze and acquire are commands of this shell"
 
 # What only computes runs on all cores. What keeps time with devices mostly waits for them. Long files first (tests/conftest.py), lest one worker ends alone.
-COMPUTING := tests/analyze tests/schemas tests/docs tests/test_architecture.py tests/test_source_rules.py
+COMPUTING := tests/analyze tests/world tests/schemas tests/docs tests/test_architecture.py tests/test_source_rules.py
 TIMED := tests/system tests/contracts tests/acquire
 
 # Where the environment forbids bytecode every worker compiles the tests anew and every program that a test starts itself: 40 s of CPU.
@@ -180,6 +180,10 @@ HONESTY ?=
 bench-honesty: setup  ## the whole answer as users give it: coverage, the verdict's confusion (HONESTY="--bodies sharp") (an hour)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.honesty $(HONESTY)
 
+WORLD_SESSIONS ?=
+bench-world-sessions: setup  ## whole sessions of objects of the world on mesh-accurate bodies: error of c, intervals that hold (WORLD_SESSIONS="--shapes mug --kinds scan") (ten minutes)
+	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.world_sessions $(WORLD_SESSIONS)
+
 ARCHIVED ?= 200
 bench-batch: setup  ## a run over an archive of ARCHIVED=200 sessions and 20 broken files: workers, kills, S3, cost (fifteen minutes)
 	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.archive measure --sessions $(ARCHIVED)
@@ -190,6 +194,13 @@ bench-import: setup  ## the same strikes live and as H.264, FFV1, MJPEG, PNG (SE
 
 bench-tags: setup  ## tag angles and frames per second beside plain OpenCV; sessions' speed (SESSION=recordings/demo-carton-1.mcap) (four minutes)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.tags $(if $(SESSION),--session $(SESSION))
+
+WORLD ?=
+bench-world: setup  ## plans for 179 objects of the world, as CAD meshes, scans and convex pieces; their refusals (WORLD="--shapes mug,hammer --kinds scan") (half an hour)
+	@$(BIN)/python -m tests.benchmarks.world $(WORLD)
+
+bench-world-strikes: setup  ## whether strikes that a plan refuses truly fail in the virtual rig's physics (ten minutes)
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.world_strikes
 
 protos: setup  ## regenerate schemas/proto/percuss_pb2.py(.pyi)
 	@$(BIN)/python -m grpc_tools.protoc -I schemas/proto --python_out=schemas/proto --pyi_out=schemas/proto schemas/proto/percuss.proto

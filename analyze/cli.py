@@ -15,6 +15,7 @@ from analyze.verbs.cache import cache
 from analyze.verbs.calibrate.command import calibrate
 from analyze.verbs.estimate import estimate
 from analyze.verbs.export import export
+from analyze.verbs.fixture.command import fixture
 from analyze.verbs.frame_rate.command import frame_rate
 from analyze.verbs.gravity.command import gravity
 from analyze.verbs.import_ import import_
@@ -45,6 +46,7 @@ def main() -> None:
 
 for _verb in (
     shape,
+    fixture,
     plan,
     estimate,
     score,

@@ -18,7 +18,7 @@ from acquire.preflight.check import (
     passed_check,
     skipped_check,
 )
-from schemas.rig_limits import MIN_TAG_EDGE_PX
+from schemas.rig_limits import GOOD_TAG_EDGE_PX, MIN_TAG_EDGE_PX
 
 if TYPE_CHECKING:
     from acquire.preflight.video import CheckVideo, VideoSource
@@ -192,6 +192,8 @@ def _marker(event: WatchEvent) -> Check:
         return failed_check(
             "marker", found, "print a larger tag, move the camera nearer, or use a longer lens", measured
         )
+    if edges[largest] < GOOD_TAG_EDGE_PX:
+        found += f"; from {GOOD_TAG_EDGE_PX:g} px on angles are more precise"
     return passed_check("marker", found, measured)
 
 

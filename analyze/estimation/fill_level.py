@@ -20,7 +20,7 @@ from analyze.errors import EstimationError
 from analyze.estimation.cells import ShellCells
 from analyze.estimation.part_masses import MeasuredMoments
 from analyze.estimation.truncated_normal import narrowest_intervals
-from analyze.geometry.object_model import DENSITIES
+from analyze.geometry.plausible_size import DENSITIES
 from analyze.types import Array
 
 LEVEL_GRID_POINTS, THICKNESS_GRID_POINTS = 81, 13

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.errors import ShapeError
-from analyze.geometry.polyhedron import MassProperties
+from analyze.geometry.polyhedron import MassProperties, merged_solid
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
     from analyze.estimation.cells import Cells
     from analyze.geometry.bodies import Body
@@ -27,7 +27,7 @@ it."""
 
 
 def parts_of_bodies(
-    labels: Sequence[PartLabel], bodies: Sequence[Body], name: str
+    labels: Sequence[PartLabel], bodies: Sequence[Body], name: str, left_out: Collection[int] = ()
 ) -> list[tuple[str, MassProperties]]:
     """Parts of an object, each made of the closed bodies of its mesh that one label names.
 
@@ -35,6 +35,7 @@ def parts_of_bodies(
         labels: Labels, each with a name and the numbers of its bodies, which count from 1.
         bodies: Closed bodies of the mesh, largest first.
         name: Name of the shape file, for messages.
+        left_out: Numbers of bodies that do not belong to the object: those of its fixture.
 
     Returns:
         Name and uniform solid (volume, centroid and inertia per kilogram, in the object frame O) of each
@@ -59,8 +60,9 @@ def parts_of_bodies(
         (label.name, merged_solid([bodies[number - 1].properties for number in label.bodies]))
         for label in labels
     ]
-    others = [body.properties for number, body in enumerate(bodies, 1) if number not in used]
-    total = sum(body.properties.volume for body in bodies)
+    own = {number: body for number, body in enumerate(bodies, 1) if number not in left_out}
+    others = [body.properties for number, body in own.items() if number not in used]
+    total = sum(body.properties.volume for body in own.values())
     if sum(one.volume for one in others) > MIN_VOLUME_FRACTION * total:
         parts.append((REST, merged_solid(others)))
     return parts
@@ -105,25 +107,6 @@ def parts_of_cells(labels: Sequence[PartLabel], cells: Cells, name: str) -> list
     if left.sum() > max(MIN_VOLUME_FRACTION * volume, MIN_REST_LAYER * cells.pitch * volume ** (2 / 3)):
         parts.append((REST, _solid(cells, left)))
     return parts
-
-
-def merged_solid(solids: Sequence[MassProperties]) -> MassProperties:
-    """Several solids of one density as one: volume [m^3], centroid [m], inertia tensor per kilogram [m^2].
-
-    The centroid is (3,); the tensor (3, 3) is about it. Frame and axes are those of `solids`.
-
-    Args:
-        solids: Solids that do not overlap; the volume of at least one is not 0.
-    """
-    volume = sum(one.volume for one in solids)
-    centroid = np.sum([one.volume * one.centroid for one in solids], axis=0) / volume
-    inertia = np.zeros((3, 3))
-    for one in solids:
-        arm = one.centroid - centroid
-        inertia = inertia + one.volume / volume * (
-            one.unit_inertia + (arm @ arm) * np.eye(3) - np.outer(arm, arm)
-        )
-    return MassProperties(volume, centroid, inertia)
 
 
 def _between(cells: Cells, label: PartLabel) -> Array:

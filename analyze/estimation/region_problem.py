@@ -23,7 +23,8 @@ from analyze.estimation.dividing_surfaces import are_balls, planes
 from analyze.estimation.mass_properties import InertialParameters
 from analyze.estimation.part_masses import whitening_matrix
 from analyze.estimation.truncated_normal import ShareDistribution, share_distribution
-from analyze.geometry.object_model import DENSITIES, LEVER_ERROR, MODEL_ERROR
+from analyze.geometry.object_model import LEVER_ERROR, MODEL_ERROR
+from analyze.geometry.plausible_size import DENSITIES
 from analyze.types import TENSOR_ENTRIES, Array, IntArray
 
 MIN_PART_SHARE = 0.02

@@ -49,6 +49,7 @@ class ErrorSource(enum.Enum):
     K = "gravity, air and play, in k"
     PRIOR = "shape, where strikes determine nothing"
     MASS = "mass of object and markers"
+    FIXTURE = "fixture, and place of the object in it"
 
 
 @dataclass(frozen=True)
@@ -103,6 +104,7 @@ def sensitivity(
     prior: ComPrior,
     whole: InertialParameters,
     bare: InertialParameters,
+    remainder: ErrorSource = ErrorSource.MASS,
 ) -> Sensitivity:
     """Influence of each strike on the centre of mass c, and of each error source on its covariance.
 
@@ -115,8 +117,9 @@ def sensitivity(
         solution: Joint solution of all strikes.
         prior: Prior of c, used for the solution.
         whole: Parameters of the body that tipped, from the solution.
-        bare: Parameters reported: `whole`, or those without markers (printed tags); c then moves by more, as
-            the body weighs less.
+        bare: Parameters reported: `whole`, or those without markers (printed tags) or fixture; c then moves
+            by more, as the body weighs less.
+        remainder: Source of what subtracting adds: the masses, or the fixture.
 
     Returns:
         Influences, one per strike, in the order of `solution.model.planes`, and the contributions that are
@@ -124,14 +127,14 @@ def sensitivity(
     """
     factor = whole.mass / bare.mass
     parts = {source: factor**2 * covariance for source, covariance in _shares(solution, prior)}
-    parts[ErrorSource.MASS] = bare.com.covariance - factor**2 * whole.com.covariance
+    parts[remainder] = bare.com.covariance - factor**2 * whole.com.covariance
     total = float(np.trace(bare.com.covariance))
     return Sensitivity(
         tuple(_influences(solution, factor)),
         tuple(
             SourceShare(source, parts[source])
             for source in ErrorSource
-            if float(np.trace(parts[source])) > NEGLIGIBLE_SHARE * total
+            if source in parts and float(np.trace(parts[source])) > NEGLIGIBLE_SHARE * total
         ),
     )
 

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.estimation.part_masses import MeasuredMoments
-from analyze.geometry.object_model import DENSITIES
+from analyze.geometry.plausible_size import DENSITIES
 from analyze.types import Array
 
 if TYPE_CHECKING:

@@ -59,7 +59,7 @@ class ExportInput:
         """
         friction = self.friction if wanted in WITH_FRICTION else None
         origin = provenance(self.result, self.spec.name, software_version(), friction)
-        return ExportBody(self.spec.name, self.model, inertial_of(self.result, name), origin, friction)
+        return ExportBody(self.spec.name, self.model.own, inertial_of(self.result, name), origin, friction)
 
 
 def is_result(files: Sequence[Path]) -> bool:

@@ -70,7 +70,8 @@ def additional_edges(
         The edges, in the order chosen, and the entries of `prior` that stay unmeasured.
     """
     expected = hypothesis(model)
-    believed = replace(expected, region=replace(expected.region, centre=com))
+    struck = com if model.held is None else model.held.com_struck(com)
+    believed = replace(expected, region=replace(expected.region, centre=struck))
     planes, _ = scanned_planes(model, footing(model, resting_planes(model), believed.region, FOOTING_MARGIN))
     axes, _ = scanned_edges(model, pivot_axes(model, spec, planes, believed))
     rows = [moment_row(axis.direction) for axis in axes]

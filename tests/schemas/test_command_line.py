@@ -96,6 +96,13 @@ def test_no_option_of_either_command_accepts_nan() -> None:
         "camera_sd_deg",
         "time_limit",
         "capture_fps",
+        "bed_mm",
+        "infill",
+        "turn_sd_deg",
+        "place_sd_mm",
+        "wall_mm",
+        "density_g_cm3",
+        "fixture_mass_g",
     }
     assert all(isinstance(option.type, NumberRange) for option in floats)
 

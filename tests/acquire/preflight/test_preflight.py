@@ -175,7 +175,7 @@ def test_the_camera_and_its_video(bench: Bench) -> None:
     assert failures(event=None) == {"marker"}
     assert failures(event=EVENT.model_copy(update={"markers": []})) == {"marker"}
     assert failures(
-        event=EVENT.model_copy(update={"markers": [SeenMarker(id=3, corners_px=square_corners(35.0))]})
+        event=EVENT.model_copy(update={"markers": [SeenMarker(id=3, corners_px=square_corners(25.0))]})
     ) == {"marker"}
     assert failures(event=EVENT.model_copy(update={"at_rest": False})) == {"object at rest"}
     bench.source = FakeVideoSource(

@@ -213,7 +213,7 @@ def test_object_without_new_labels_keeps_its_identity():
         update={"labels": [PartLabel(name="a", wall=True), PartLabel(name="b", between_m=[0.0, 0.1])]}
     )
     known = spec.model_dump(mode="json")
-    del known["shape"]["surface_sd_m"], known["edge"]
+    del known["shape"]["surface_sd_m"], known["edge"], known["fixture"], known["held"]
     for marker in known["marker"]:
         del marker["place_sd_m"], marker["turn_sd_rad"]
     for label in known["labels"]:

@@ -7,7 +7,7 @@ import pytest
 
 from analyze.estimation.part_masses import MeasuredMoments, measured_moments
 from analyze.estimation.voxel_map import voxel_map
-from analyze.geometry.object_model import DENSITIES
+from analyze.geometry.plausible_size import DENSITIES
 from analyze.pipeline.estimate import estimate_evidence
 from analyze.report.voxel_map import voxel_figures, voxel_map_text, write_voxels
 from tests.analyze.simulated_session import carton, session
