@@ -45,11 +45,13 @@ REFIT_INSET = 0.06
 """Distance from a face's outline, over the root of its area, from which points belong to the face alone."""
 MIN_REFIT_COSINE = np.cos(np.radians(3.0))
 """Cosine of the angle by which the fit to the mesh's points may turn a face's plane."""
-EXACT_FRACTION = 1e-5
-"""Scatter of a face about its plane, over the extent, up to which it is exactly flat, as in a drawing."""
-DRAWN_FACES = 2
-"""Number of exactly flat faces from which on a mesh is a drawing; a scan that was cut off at the table has
-one."""
+EXACT_FRACTION, MIN_EXACT = 5e-6, 2e-7
+"""Distance of a triangle's corners from a plane, over the extent and at least in m, up to which it lies in
+the plane exactly, as in a drawing: what the rounding of a file's numbers leaves."""
+EXACT_SHARE = 0.02
+"""Share of the hull's area that exactly flat triangles of one plane have at least in a drawing."""
+EXAMINED_FACETS = 150
+"""Number of the hull's largest facets whose planes are examined."""
 ROUGH_ANGLE = np.radians(4.0)
 """Angle [rad] by which neighbouring triangles must form a valley to be counted as rough."""
 ROUGH_SHARE = 0.3
@@ -71,8 +73,8 @@ def scanned_hull(
 
     A rough mesh is a scan and is smoothed first: its raw hull would consist of the noise's extremes. The flat
     faces of the hull are found, and the hull's vertices near them are moved onto them. A smooth mesh is a
-    drawing if `DRAWN_FACES` of them are exactly flat. A mesh is taken as it is if it is a drawing, if the
-    stated error of its surface is at most `DRAWN_SD`, or if it is smooth and no face of its hull is flat.
+    drawing if a face of it is exactly flat. A mesh is taken as it is if it is a drawing, if the stated error
+    of its surface is at most `DRAWN_SD`, or if it is smooth and no face of its hull is flat.
 
     Args:
         vertices: (n, 3) vertices of the closed mesh [m]; the result is in their frame.
@@ -89,13 +91,14 @@ def scanned_hull(
     smooth = smoothed(vertices, faces) if rough else vertices
     hull = ConvexHull(smooth)
     extent = float(np.ptp(vertices, axis=0).max())
+    if not rough and _is_drawn(hull, vertices[faces[~added]], extent):
+        return None
     points = vertices if rough else even_samples(vertices, faces[~added], SAMPLES)[0]
     scanned = scanned_mesh(vertices, faces, added)
     surface: CloudSurface | None = None
     for levels in range(len(FLAT_FRACTIONS), -1, -1):
         flat = flat_faces(hull, extent, FLAT_FRACTIONS[:levels])
-        exact = sum(face.plane.scatter < EXACT_FRACTION * extent for face in flat)
-        if not rough and exact >= min(DRAWN_FACES, len(flat)):
+        if not rough and not flat:
             return None
         moved = 0.0
         if rough:
@@ -121,7 +124,7 @@ def scan_note(surface: CloudSurface, name: str) -> str:
     """Note for the user that a mesh is taken for a scan, with what that means and how to state otherwise."""
     scatter = 1000 * max((plane.scatter for plane in surface.planes), default=0.0)
     return (
-        f"{name}: taken for a scan, as hardly any of its faces is exactly flat; {len(surface.planes)} faces "
+        f"{name}: taken for a scan, as none of its faces is exactly flat; {len(surface.planes)} faces "
         f"of its hull count as flat (within {scatter:.2f} mm). If it is a drawing, state "
         "surface_sd_m = 0.0001 in [shape]"
     )
@@ -171,6 +174,24 @@ def _refitted(face: FlatFace, hull: ConvexHull, points: Array, smooth: Array) ->
     kept = smooth[inside[near]]
     shared = shared_covariance(kept - found.centre, np.full(len(kept), 1 / len(kept)), found)
     return replace(found, covariance=found.covariance + shared)
+
+
+def _is_drawn(hull: ConvexHull, corners: Array, extent: float) -> bool:
+    """Whether several triangles of a mesh lie in one plane exactly, with a good part of the hull's area.
+
+    Args:
+        hull: Convex hull of the mesh.
+        corners: (f, 3, 3) corners of the mesh's own triangles [m], without those that close holes.
+        extent: Longest extent of the object [m].
+    """
+    areas = np.linalg.norm(area_vectors(corners), axis=1) / 2
+    near = max(EXACT_FRACTION * extent, MIN_EXACT)
+    facets = np.linalg.norm(area_vectors(np.asarray(hull.points)[hull.simplices]), axis=1)
+    for plane in hull.equations[np.argsort(-facets)[:EXAMINED_FACETS]]:
+        exact = (np.abs(corners @ plane[:3] + plane[3]) < near).all(axis=1)
+        if np.count_nonzero(exact) > 1 and areas[exact].sum() >= EXACT_SHARE * hull.area:
+            return True
+    return False
 
 
 def _valley_share(vertices: Array, faces: IntArray) -> float:

@@ -228,11 +228,13 @@ def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array, offset_sd: flo
         sd: (n,) standard deviation of the lift [m].
         offset_sd: standard deviation of the offset before the measurement [m].
     """
+    errors, covariance = np.zeros(3), np.diag([offset_sd**2, offset_sd**2, _RADIUS_SD**2])
+    if not len(theta):
+        return errors, covariance
     on_table = np.abs(_lift_above_most(theta, lift, sd, offset_sd)) < _MAX_CREEP
     kept = on_table if np.count_nonzero(on_table) >= _NEIGHBOURS else np.ones(len(theta), dtype=bool)
     rows = displacement_per_offset(theta[kept])[None, :, 1]
     found = fit_creeping(theta[kept], rows, lift[None, kept], sd[kept], np.full(2, offset_sd))
-    errors, covariance = np.zeros(3), np.diag([offset_sd**2, offset_sd**2, _RADIUS_SD**2])
     # An implausibly large offset is a lift: then the prior's offset is kept.
     if float(np.linalg.norm(found.parameters)) < _MAX_OFFSET_SIGMAS * offset_sd:
         errors[:2], covariance[:2, :2] = found.parameters, found.covariance
