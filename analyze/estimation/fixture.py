@@ -259,7 +259,14 @@ def _axes(
 def _moved_pair(
     ends: tuple[float, float] | None, before: float, after: float, wider: float
 ) -> tuple[float, float] | None:
-    """Interval about a new value, its distances from the old value scaled; None if `ends` is None."""
+    """Interval (low, high) about a corrected value: each end keeps its scaled distance from the value.
+
+    Args:
+        ends: Interval about the value before the correction; None if there is none, which is returned then.
+        before: Value before the correction.
+        after: Value after it, in the same unit.
+        wider: Standard deviation after the correction over that before it.
+    """
     return None if ends is None else (after + (ends[0] - before) * wider, after + (ends[1] - before) * wider)
 
 

@@ -149,6 +149,11 @@ def _ovals_directions(plane: RestingPlane, beside: Array) -> list[Array]:
 
 
 def _directions(plane: RestingPlane, angles: Array) -> Array:
-    """Unit vectors (n, 3) in a resting face's plane at `angles` (n,) [rad], in the object frame."""
+    """Unit vectors (n, 3) in a resting face's plane, in the object frame.
+
+    Args:
+        plane: Resting face.
+        angles: (n,) angles [rad] from the first vector of `plane_basis(plane.up)` towards the second.
+    """
     u, v = plane_basis(plane.up)
     return np.outer(np.cos(angles), u) + np.outer(np.sin(angles), v)

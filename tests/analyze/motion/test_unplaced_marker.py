@@ -46,3 +46,9 @@ def test_a_point_beside_a_hopping_edge_neither_slides_nor_lifts_nor_shifts_phi(o
 def test_a_point_with_a_known_place_that_rises_by_millimetres_has_lifted():
     motion, _, window = hopping_strike(OFFSETS[0], 5e-4)
     assert edge_motion(motion, window).lift_range > 2e-3
+
+
+def test_a_strike_without_a_frame_to_fit_keeps_the_offset_it_came_with():
+    motion, _, _ = hopping_strike(OFFSETS[0], None)
+    found = edge_motion(motion, (33, 33))
+    assert np.isfinite(found.offset_covariance).all()
