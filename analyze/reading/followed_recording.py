@@ -203,8 +203,8 @@ class FollowedRecording:
         if self._at == 0:
             try:
                 magic = os.pread(self._file(), len(container.MAGIC), 0)
-            except OSError as error:
-                raise RecordingError(f"{self.path}: cannot be read: {error.strerror}") from None
+            except OSError:
+                raise RecordingError(not_a_recording(self.path)) from None
             if len(magic) < len(container.MAGIC):
                 return False
             if magic != container.MAGIC:

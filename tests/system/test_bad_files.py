@@ -108,10 +108,6 @@ def test_a_path_that_is_not_an_object_file(tmp_path: Path) -> None:
     [
         (None, "no such rig file: check the path"),
         ("[camera]\naddress = '1'\n", r"missing: add \[camera.calibration\] \(.*docs/how-to/rig.md\)$"),
-        (
-            'name = "a"\n',
-            r"missing: add \[camera\] \(with address and \[camera.calibration\]: docs/how-to/rig.md",
-        ),
         ("camera = 5\n", r"camera: should be \[camera\] \(with address .*\), not 5$"),
         (
             "table_fricton = 0.6\n{calibration}",
@@ -223,7 +219,9 @@ def test_a_path_that_is_not_a_recording(tmp_path: Path, verb: str) -> None:
     assert "noise.mcap: is not a recording: it does not begin like an MCAP file" in complaint(
         analyze, verb, tmp_path / "noise.mcap"
     )
-    assert "cannot be read: Is a directory" in complaint(analyze, verb, tmp_path)
+    assert "is a folder, not a recording: name a file in it, as noise.mcap" in complaint(
+        analyze, verb, tmp_path
+    )
     assert names_in(tmp_path) == before
 
 
