@@ -15,7 +15,7 @@ from analyze.estimation.inertia import MAX_MEASURED_SHARE
 from analyze.estimation.joint import MomentPrior, UnitPrior
 from analyze.estimation.mass_properties import AxisInertia, InertialParameters
 from analyze.estimation.second_moments import symmetric_entries, symmetric_matrix
-from analyze.geometry.held_object import HeldModel, KnownBody, point_inertia
+from analyze.geometry.held_object import HeldObject, KnownBody, point_inertia
 from analyze.geometry.rotations import hat
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.types import Array
@@ -57,7 +57,7 @@ class WithoutFixture:
     and rotation in the fixture. Covariances of the centre of mass add up."""
 
 
-def fixture_prior(held: HeldModel, alone: MomentPrior) -> MomentPrior:
+def fixture_prior(held: HeldObject, alone: MomentPrior) -> MomentPrior:
     """Prior of the inertia per kilogram of object and fixture, from the shape's prior of the object alone.
 
     Args:
@@ -84,7 +84,7 @@ def fixture_prior(held: HeldModel, alone: MomentPrior) -> MomentPrior:
     return prior
 
 
-def without_fixture(whole: InertialParameters, held: HeldModel) -> WithoutFixture:
+def without_fixture(whole: InertialParameters, held: HeldObject) -> WithoutFixture:
     """Mass, centre of mass and moments of an object without its fixture, in the object frame O.
 
     The fixture is where the shape file has it; the object may sit otherwise, by its stated standard
@@ -137,7 +137,7 @@ def without_fixture(whole: InertialParameters, held: HeldModel) -> WithoutFixtur
     )
 
 
-def subtracted(ten: Array, covariance: Array, held: HeldModel) -> tuple[Array, dict[str, Array]]:
+def subtracted(ten: Array, covariance: Array, held: HeldObject) -> tuple[Array, dict[str, Array]]:
     """Ten parameters (10,) of the object alone, and the parts (10, 10) of their covariance by cause.
 
     Args:
@@ -156,7 +156,7 @@ def subtracted(ten: Array, covariance: Array, held: HeldModel) -> tuple[Array, d
     return _alone(ten, np.zeros(nuisance), held), parts
 
 
-def _alone(ten: Array, errors: Array, held: HeldModel) -> Array:
+def _alone(ten: Array, errors: Array, held: HeldObject) -> Array:
     """Ten parameters (10,) of the object alone from those of the body that tipped.
 
     Args:
@@ -186,7 +186,7 @@ def _sizes(body: KnownBody) -> Array:
     return np.sqrt(np.outer(diagonal, diagonal))
 
 
-def _causes(held: HeldModel) -> dict[str, list[int]]:
+def _causes(held: HeldObject) -> dict[str, list[int]]:
     """Indices of the errors of the fixture and of the object's pose in it, by their cause in words."""
     starts = [BODY_COUNT * i for i in range(len(held.fixture))]
     last = BODY_COUNT * len(held.fixture)
@@ -211,7 +211,7 @@ def _moved(ends: Array | None, before: Array, after: Array, wider: Array) -> Arr
 
 
 def _axes(
-    whole: InertialParameters, held: HeldModel, found: Array, covariance: Array
+    whole: InertialParameters, held: HeldObject, found: Array, covariance: Array
 ) -> tuple[tuple[AxisInertia, ...], Array]:
     """Moments of the object alone about the pivot edges and their parallels through its centre of mass.
 
@@ -270,7 +270,7 @@ def _moved_pair(
     return None if ends is None else (after + (ends[0] - before) * wider, after + (ends[1] - before) * wider)
 
 
-def _about_edge(held: HeldModel, point: Array, direction: Array) -> tuple[float, float]:
+def _about_edge(held: HeldObject, point: Array, direction: Array) -> tuple[float, float]:
     """Moment of inertia of a fixture about a line, with 1 sigma [kg m^2].
 
     Args:

@@ -1,10 +1,9 @@
-"""Object that is struck in a fixture: its own exterior, and the fixture's bodies of known mass."""
+"""Object that is struck in a fixture: its mass and place there, and the fixture's bodies of known mass."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,9 +12,6 @@ from analyze.geometry.bodies import Body, bodies_of
 from analyze.geometry.polyhedron import merged_solid
 from analyze.types import Array, IntArray
 from schemas.object_spec import FixtureBody, ObjectSpec
-
-if TYPE_CHECKING:
-    from analyze.geometry.object_model import ObjectModel
 
 
 @dataclass(frozen=True)
@@ -42,11 +38,9 @@ class KnownBody:
 
 
 @dataclass(frozen=True)
-class HeldModel:
-    """Object in a fixture: exterior of the object alone, the fixture's bodies, and errors of its place."""
+class HeldObject:
+    """Object in a fixture: its mass without it, the fixture's bodies, and errors of its place."""
 
-    alone: ObjectModel
-    """Exterior of the object without its fixture, in the object frame O."""
     fixture: tuple[KnownBody, ...]
     """Bodies of the fixture."""
     mass: float
@@ -92,11 +86,12 @@ def point_inertia(place: Array) -> Array:
     return float(place @ place) * np.eye(3) - np.outer(place, place)
 
 
-def held_model(alone: ObjectModel, fixture: tuple[KnownBody, ...], spec: ObjectSpec) -> HeldModel:
-    """Object in its fixture, from its own exterior and the fixture's bodies.
+def held_object(centroid: Array, fixture: tuple[KnownBody, ...], spec: ObjectSpec) -> HeldObject:
+    """Object in its fixture, as the object file states it.
 
     Args:
-        alone: Exterior of the object without its fixture.
+        centroid: (3,) centroid of the object without its fixture [m], in the object frame O: point about
+            which it may be turned if the object file states none.
         fixture: Bodies of the fixture.
         spec: Object file, with the mass of both together and the errors of the object's place.
 
@@ -105,10 +100,10 @@ def held_model(alone: ObjectModel, fixture: tuple[KnownBody, ...], spec: ObjectS
     """
     if spec.held is None:
         raise ShapeError(f"{spec.name}: [held] is missing: how closely the object sits in its fixture")
-    about = alone.centroid if spec.held.about_m is None else np.array(spec.held.about_m)
+    about = centroid if spec.held.about_m is None else np.array(spec.held.about_m)
     mass = spec.mass_kg - sum(body.mass for body in fixture)
     turn_sd = np.broadcast_to(np.array(spec.held.turn_sd_rad, dtype=np.float64), 3)
-    return HeldModel(alone, fixture, mass, spec.held.place_sd_m, turn_sd, about)
+    return HeldObject(fixture, mass, spec.held.place_sd_m, turn_sd, about)
 
 
 def separate_bodies(

@@ -21,7 +21,7 @@ from scipy.spatial import ConvexHull, QhullError
 from analyze.errors import ShapeError
 from analyze.geometry import cloud_files, distance, mesh_files, polyhedron, scanned_surface
 from analyze.geometry.cloud_surface import CloudSurface, cloud_surface, line_sd
-from analyze.geometry.held_object import HeldModel, held_model, separate_bodies
+from analyze.geometry.held_object import HeldObject, held_object, separate_bodies
 from analyze.geometry.mesh_repair import closed_mesh
 from analyze.geometry.plane_search import COARSE_PATCH_FRACTION
 from analyze.geometry.plausible_size import refuse_implausible, refuse_size
@@ -88,8 +88,10 @@ class ObjectModel:
     """Fit of the exterior to a point cloud; None for other shapes."""
     scanned: ScannedSurface | None = None
     """Parts of the surface that a scan left out; None if all of it is known."""
-    held: HeldModel | None = None
-    """The object alone and its fixture, where it is struck in one; None if it stands by itself."""
+    held: HeldObject | None = None
+    """The fixture in which the object is struck, and its place there; None if it stands by itself."""
+    alone: ObjectModel | None = None
+    """Exterior of the object without the fixture in which it is struck; None if it stands by itself."""
 
     @property
     def extent(self) -> Array:
@@ -99,7 +101,7 @@ class ObjectModel:
     @property
     def own(self) -> ObjectModel:
         """Exterior of the object without its fixture; this model itself where there is none."""
-        return self if self.held is None else self.held.alone
+        return self if self.alone is None else self.alone
 
     def depth(self, points: Array) -> Array:
         """Depth (n,) [m] of points below the object's surface, positive inside.
@@ -224,9 +226,9 @@ def load_object_model(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: s
     model = _from_mesh(spec, vertices * shape.unit.metres, faces, shape_name)
     if spec.fixture is None:
         return model
-    held = _held(spec, shape_bytes, shape_name)
+    alone, held = _held(spec, shape_bytes, shape_name)
     # That object and fixture are separate bodies is meant; what was repaired in the object is not.
-    return replace(model, held=held, warnings=held.alone.warnings)
+    return replace(model, held=held, alone=alone, warnings=alone.warnings)
 
 
 def _from_mesh(spec: ObjectSpec, vertices: Array, faces: IntArray, name: str) -> ObjectModel:
@@ -239,27 +241,28 @@ def _from_mesh(spec: ObjectSpec, vertices: Array, faces: IntArray, name: str) ->
 
 
 def exterior_model(
-    spec: ObjectSpec, vertices: Array, faces: IntArray, held: HeldModel | None = None
+    spec: ObjectSpec, vertices: Array, faces: IntArray, alone: ObjectModel, held: HeldObject
 ) -> ObjectModel:
-    """Model of a closed surface that is not read from a file, as of a fixture that is designed.
+    """Model of an object in a fixture that is designed, whose closed surface is not read from a file.
 
     Args:
         spec: Object file, for the name and the error of the surface.
         vertices: (n, 3) vertices [m], in the object frame O.
         faces: (f, 3) faces, counter-clockwise from outside.
-        held: The object alone and its fixture; None if there is none.
+        alone: Exterior of the object without the fixture.
+        held: The fixture, and the object's place in it.
     """
     properties = polyhedron.mass_properties(vertices, faces)
-    return replace(_model(spec, vertices, faces, properties, None), held=held)
+    return replace(_model(spec, vertices, faces, properties, None), held=held, alone=alone)
 
 
-def _held(spec: ObjectSpec, shape_bytes: bytes, name: str) -> HeldModel:
+def _held(spec: ObjectSpec, shape_bytes: bytes, name: str) -> tuple[ObjectModel, HeldObject]:
     """Exterior of the object without its fixture, and the fixture, from their common shape file."""
     vertices, faces, fixture = separate_bodies(spec, shape_bytes, name)
     mass = spec.mass_kg - sum(body.mass for body in fixture)
     alone = spec.model_copy(update={"mass_kg": mass, "fixture": None, "held": None})
     model = _from_mesh(alone, vertices, faces, name)
-    return held_model(model, fixture, spec)
+    return model, held_object(model.centroid, fixture, spec)
 
 
 def _from_cloud(spec: ObjectSpec, data: bytes, name: str, suffix: str, unit: LengthUnit) -> ObjectModel:

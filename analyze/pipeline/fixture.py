@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from analyze.estimation.mass_properties import InertialParameters
     from analyze.estimation.what_ifs import Alternative
-    from analyze.geometry.held_object import HeldModel
+    from analyze.geometry.held_object import HeldObject
     from analyze.geometry.object_model import ObjectModel
     from analyze.pipeline.paper import PaperEstimate
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 class FixtureEstimate:
     """Body that was struck, object and fixture together, and what subtracting the fixture adds to errors."""
 
-    held: HeldModel
+    held: HeldObject
     """object and fixture, as the object file states them"""
     struck: InertialParameters
     """mass, centre of mass and moments of both together, in the object frame O"""

@@ -133,7 +133,7 @@ def _with_fixture(model: ObjectModel) -> Hypothesis:
     held = model.held
     if held is None:
         return _hypothesis(model)
-    alone = _hypothesis(held.alone)
+    alone = _hypothesis(model.own)
     region, total = alone.region, held.mass + held.fixture_mass
     # The object's place in the fixture, and the fixture's own centre, move c as well.
     loose = held.mass * held.place_sd + sum(body.mass * body.com_sd for body in held.fixture)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from analyze.geometry.held_object import HeldModel, point_inertia
+from analyze.geometry.held_object import HeldObject, point_inertia
 from analyze.geometry.object_model import load_object_model
 from analyze.geometry.rotations import matrix_from_vector
 from analyze.pipeline.evidence import Evidence, RecordingHead
@@ -44,7 +44,7 @@ class Rigid:
         return Rigid(self.mass, about + R @ (self.com - about) + shift, R @ self.inertia @ R.T)
 
 
-def drawn_struck(held: HeldModel, thing: MadeObject, rng: np.random.Generator) -> Rigid:
+def drawn_struck(held: HeldObject, thing: MadeObject, rng: np.random.Generator) -> Rigid:
     """Object in its fixture as it really is: both drawn about what the object file states."""
     placed = Rigid(thing.mass, thing.com, thing.inertia).moved(
         rng.normal(0, held.place_sd, 3), rng.normal(0, 1, 3) * held.turn_sd, held.about

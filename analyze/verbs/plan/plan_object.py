@@ -7,7 +7,7 @@ from pathlib import Path
 
 from analyze.errors import PlanError
 from analyze.estimation.cells import cells_from_voxels, shell_thickness
-from analyze.geometry.held_object import HeldModel
+from analyze.geometry.held_object import HeldObject
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.geometry.voxels import voxelise
 from analyze.planning import view
@@ -202,7 +202,7 @@ def write_plan(plan: StrikePlan, path: Path) -> None:
     write_text(path, plan.model_dump_json(indent=1) + "\n")
 
 
-def _note_on_fixture(held: HeldModel) -> str:
+def _note_on_fixture(held: HeldObject) -> str:
     """Note that the expected accuracy is that of object and fixture, of which the fixture is subtracted."""
     return (
         f"what is struck is object and fixture, {1000 * (held.mass + held.fixture_mass):.0f} g, of which"

@@ -5,8 +5,8 @@ from analyze.estimation.fixture import fixture_prior, without_fixture
 from analyze.estimation.joint import UnitPrior
 from analyze.estimation.mass_properties import CentreOfMass, InertialParameters
 from analyze.estimation.second_moments import symmetric_entries, symmetric_matrix
-from analyze.geometry.held_object import HeldModel, KnownBody
-from analyze.geometry.object_model import load_object_model
+from analyze.geometry.held_object import HeldObject, KnownBody
+from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.geometry.rotations import hat
 from tests.analyze.held_session import (
     BASE_CENTRE,
@@ -25,10 +25,14 @@ P_SD = np.array([1e-4, *[6e-5] * 3, *[6e-7] * 6])
 """Errors of the struck body's ten parameters: mass [kg], centre [m], tensor [kg m^2]."""
 
 
-def held() -> HeldModel:
-    model = load_object_model(housing_spec(), HOUSING, "housing.stl")
-    assert model.held is not None
-    return model.held
+def housing() -> ObjectModel:
+    return load_object_model(housing_spec(), HOUSING, "housing.stl")
+
+
+def held() -> HeldObject:
+    found = housing().held
+    assert found is not None
+    return found
 
 
 def struck_parameters(ten: np.ndarray, covariance: np.ndarray) -> InertialParameters:
@@ -60,10 +64,10 @@ def ten_of(body) -> np.ndarray:
 
 
 def test_the_object_alone_is_the_mesh_without_the_fixtures_bodies():
-    assert not load_object_model(housing_spec(), HOUSING, "housing.stl").warnings
-    found = held()
-    assert found.alone.extent == pytest.approx(OBJECT_SIZE / 1000, abs=1e-6)
-    assert found.alone.centroid == pytest.approx(OBJECT_CENTRE / 1000, abs=1e-6)
+    model, found = housing(), held()
+    assert not model.warnings
+    assert model.own.extent == pytest.approx(OBJECT_SIZE / 1000, abs=1e-6)
+    assert model.own.centroid == pytest.approx(OBJECT_CENTRE / 1000, abs=1e-6)
     (base,) = found.fixture
     assert base.com == pytest.approx(BASE_CENTRE / 1000, abs=1e-6)
     x, y, z = BASE_SIZE / 1000
@@ -75,8 +79,7 @@ def test_an_exact_fixture_is_subtracted_exactly():
     thing = cloud(OBJECT_SIZE, OBJECT_CENTRE, OBJECT_MASS, rng, lump=0.5)
     base = base_as_stated(rng)
     both = thing.and_also(base)
-    exact = HeldModel(
-        held().alone,
+    exact = HeldObject(
         (KnownBody("base", base.mass, 1e-9, base.com, 1e-9, base.inertia / base.mass, 1e-9),),
         OBJECT_MASS,
         1e-9,
@@ -133,12 +136,12 @@ def test_intervals_hold_for_drawn_fixtures_places_and_strikes():
 
 
 def test_the_prior_of_both_is_that_of_the_object_and_the_known_fixture():
-    found = held()
-    about = found.alone.unit_inertia
+    found, alone = held(), housing().own
+    about = alone.unit_inertia
     prior = fixture_prior(found, lambda com: UnitPrior(about, 0.2 * np.ones((3, 3)) * np.trace(about)))
-    middle = found.com_struck(found.alone.centroid)
+    middle = found.com_struck(alone.centroid)
     both = prior(middle)
-    assert both.mean == pytest.approx(found.unit_inertia_struck(found.alone.centroid, about))
+    assert both.mean == pytest.approx(found.unit_inertia_struck(alone.centroid, about))
     share = found.mass / (found.mass + found.fixture_mass)
     assert np.all(both.sd >= share * 0.2 * np.trace(about) - 1e-12)
     assert np.all(both.sd < 0.4 * np.trace(both.mean))
