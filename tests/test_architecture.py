@@ -153,15 +153,11 @@ def _module(path: Path) -> str:
 
 @cache
 def _top_level_imports(path: Path) -> list[tuple[int, str]]:
-    """Line and full name of imports that run when a module is loaded.
-
-    Imports in functions, and those for type checkers only, are left out.
-    """
+    """Line and full name of a module's imports, those for type checkers too; not those in functions."""
     late = {
         inner
         for node in nodes_of(path)
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
-        or (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test))
         for inner in range(node.lineno, (node.end_lineno or node.lineno) + 1)
     }
     return [(line, name) for line, name in imports_of(path) if line not in late]
