@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from analyze.errors import ImportRefused
 from analyze.sources.open_source import SourceOptions
+from schemas.wording import counted
 
 
 @dataclass(frozen=True)
@@ -31,3 +33,24 @@ class ImportOptions:
     """standard deviation of the frame rate [Hz]; None if it was not measured"""
     aside: Path | None = None
     """folder in which the strikes' images are stored until they are written; None to decode them again"""
+    times: tuple[Path, ...] = ()
+    """tables (CSV) of the frames' times in the order of the sources, `OWN_TIMES` for none; empty to look for
+    them in a folder, or beside a video"""
+
+    def source_options(self) -> tuple[SourceOptions, ...]:
+        """Options for reading each source; one table holds for several folders with the same names.
+
+        Raises:
+            ImportRefused: the number of tables is not that of the sources.
+        """
+        times = self.times
+        if len(times) == 1 and all(path.is_dir() for path in self.sources):
+            times *= len(self.sources)
+        if times and len(times) != len(self.sources):
+            raise ImportRefused(
+                f"--times is given {counted(len(times), 'time')} for {counted(len(self.sources), 'source')}: "
+                "give it once for each, in their order (- for a source's own times)"
+            )
+        if not times:
+            return (self.source,) * len(self.sources)
+        return tuple(replace(self.source, times=path) for path in times)

@@ -76,7 +76,7 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
     given = None if options.camera_path is None else read_camera(options.camera_path)
     planned = [strike.id for strike in plan.strikes]
     with ExitStack() as stack:
-        sources = tuple(open_source(path, options.source) for path in options.sources)
+        sources = tuple(map(open_source, options.sources, options.source_options()))
         camera = given or camera_of(sources)
         for source in sources:
             _refuse_other_camera(source, camera)

@@ -122,7 +122,7 @@ class PreparedImport:
         No remark is made if a slow-motion capture rate is known already.
         """
         if (
-            all(isinstance(source, VideoSource) and source.timing.slowed == 1 for source in self.sources)
+            all(isinstance(source, VideoSource) and source.may_be_slow for source in self.sources)
             and self.rate_hz < MAX_SLOW_MOTION_HZ
         ):
             yield (

@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-from collections import Counter
 from collections.abc import Callable, Iterator
-from decimal import Decimal, InvalidOperation
-from itertools import pairwise
 from pathlib import Path
-from typing import TextIO, TypeVar
-
-import numpy as np
+from typing import TypeVar
 
 from analyze.errors import ImportRefused
 from analyze.reading.image_message import decode_image_file
@@ -18,15 +12,13 @@ from analyze.reading.time_range import is_within
 from analyze.sources.frame_timing import usual_interval
 from analyze.sources.image_file import IMAGE_SUFFIXES, image_file
 from analyze.sources.source import TimedFile, TimedImage
+from analyze.sources.times_table import TimesTable, checked_times_ns, read_times_table, refuse_repeated
 from schemas.session_manifest import TimeSource
 from schemas.wording import counted
 
 T = TypeVar("T")
-_NAME, _TIME = "name", "time_s"
-COLUMNS = f"{_NAME},{_TIME}"
+COLUMNS = "name,time_s"
 FILE_SUFFIXES = {".png", ".jpg", ".jpeg"}
-MIN_INTERVAL_S, MAX_INTERVAL_S = 1e-5, 0.5
-"""bounds of the interval between two images [s]: no camera is faster, and a slower one misses the tip"""
 
 
 class ImageFolder:
@@ -34,8 +26,8 @@ class ImageFolder:
 
     Args:
         folder: folder with the images.
-        times: CSV with the columns `name` (path relative to the folder) and `time_s`; None for the only CSV
-            in the folder.
+        times: CSV with the columns `name` (path relative to the folder) and `time_s` (or another column of
+            times); None for the only CSV in the folder.
 
     Raises:
         ImportRefused: the CSV is missing, not understood, names fewer than two images or contradicts itself,
@@ -48,9 +40,11 @@ class ImageFolder:
         self.time_source = TimeSource.CONTAINER_PTS
         self.wall_start_ns: int | None = None
         self._csv = times or _only_csv(folder)
-        self._images = _read_times(self._csv, folder)
+        table = read_times_table(self._csv, "image")
+        self._table_remark = table.remark
+        self._images = _timed_images(table, folder)
         self.frame_count: int | None = len(self._images)
-        self.time_sd_ns = _rounding_sd_ns(self._csv)
+        self.time_sd_ns = table.sd_ns
         self.rate_hz = 1e9 / usual_interval([time_ns for time_ns, _ in self._images])
         self.is_coded = True
         self.holds_files = {path.suffix.lower() for _, path in self._images} <= FILE_SUFFIXES
@@ -59,15 +53,14 @@ class ImageFolder:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """One remark for the user if the CSV does not name all images of the folder, else empty."""
+        """Remarks for the user: images of the folder that the CSV does not name, and how it was read."""
         named = {path.resolve() for _, path in self._images}
         there = [path.resolve() for path in self.path.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
         unnamed = sum(path not in named for path in there)
-        return (
-            (f"{self.name}: left out {unnamed} of {counted(len(there), 'image')}: not in {self._csv.name}",)
-            if unnamed
-            else ()
+        left_out = (
+            f"{self.name}: left out {unnamed} of {counted(len(there), 'image')}: not in {self._csv.name}"
         )
+        return (*([self._table_remark] if self._table_remark else []), *([left_out] if unnamed else []))
 
     def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
         """Yield the decoded grey images with their times since the first image, in increasing order.
@@ -151,114 +144,25 @@ def _only_csv(folder: Path) -> Path:
     )
 
 
-def _read_times(path: Path, folder: Path) -> list[tuple[int, Path]]:
-    """Read a CSV of images; return time and path of each image, in the order of the times.
-
-    Times are since the first image [ns].
+def _timed_images(table: TimesTable, folder: Path) -> list[tuple[int, Path]]:
+    """Time since the first image [ns] and path of each image of a table, in the order of the times.
 
     Args:
-        path: the CSV.
-        folder: folder that the CSV's names are relative to.
+        table: the table, in which each image is named.
+        folder: folder that the names are relative to.
 
     Raises:
-        ImportRefused: the CSV is not understood, names fewer than two images or one twice, two images have
-            the same time, or the median interval is outside `MIN_INTERVAL_S` to `MAX_INTERVAL_S`.
+        ImportRefused: the table names no images, a row names none, an image has two rows, or two images have
+            the same time.
     """
-    found = _read_lines(path, folder)
-    if len(found) < 2:
+    path, rows = table.path, sorted(table.rows, key=lambda row: row.time_s)
+    if rows[0].name is None:
         raise ImportRefused(
-            f"{path}: names {counted(len(found), 'image')}: a strike needs more: name all images with "
-            "their times"
+            f"{path}: has no column name, which image has which time: add it before the times"
         )
-    start = found[0][0]
-    timed = [(round((time_s - start) * 10**9), image) for time_s, image in found]
-    often, count = Counter(str(image) for _, image in found).most_common(1)[0]
-    if count > 1:
-        raise ImportRefused(f"{path}: names {often} {count} times: each image has one time: correct it")
-    for (earlier, _), (later, image) in pairwise(timed):
-        if later <= earlier:
-            raise ImportRefused(f"{path}: two images have the same time, one is {image.name}: correct it")
-    usual_s = 1e-9 * float(np.median(np.diff([time_ns for time_ns, _ in timed])))
-    if not MIN_INTERVAL_S < usual_s < MAX_INTERVAL_S:
-        raise ImportRefused(
-            f"{path}: its images come every {usual_s:.3g} s: {_TIME} must be in seconds, not milliseconds or "
-            "frame numbers"
-        )
-    return timed
-
-
-def _read_lines(path: Path, folder: Path) -> list[tuple[Decimal, Path]]:
-    """Read the lines of a CSV of images; return time [s, decimal number] and path of each image, by time.
-
-    The times count from the zero that the CSV uses.
-
-    Args:
-        path: the CSV.
-        folder: folder that the CSV's names are relative to.
-
-    Raises:
-        ImportRefused: the CSV cannot be read, lacks a column, or a line has no name or no time.
-    """
-    found: list[tuple[Decimal, Path]] = []
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = _rows(file)
-            if not {_NAME, _TIME} <= set(rows.fieldnames or ()):
-                columns = ",".join(rows.fieldnames or ()) or "none"
-                raise ImportRefused(f"{path}: has the columns {columns}: it needs {COLUMNS}")
-            for row in rows:
-                if not (row[_NAME] or "").strip():
-                    raise ImportRefused(
-                        f"{path}: line {rows.line_num}: names no image: correct it, or leave the line out"
-                    )
-                time_s = _seconds(row[_TIME])
-                if time_s is None:
-                    raise ImportRefused(
-                        f"{path}: line {rows.line_num}: {_TIME} {row[_TIME]!r} is not a number of seconds"
-                    )
-                found.append((time_s, folder / row[_NAME].strip()))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ImportRefused(
-            f"{path}: cannot be read as CSV ({error}): it needs the columns {COLUMNS}"
-        ) from None
-    return sorted(found)
-
-
-def _rows(file: TextIO) -> csv.DictReader[str]:
-    """Reader of a CSV's rows, each a mapping from column name to text.
-
-    Column names are in lower case and without surrounding blanks.
-    """
-    rows = csv.DictReader(file)
-    rows.fieldnames = [name.strip().lower() for name in rows.fieldnames or ()]
-    return rows
-
-
-def _seconds(text: str | None) -> Decimal | None:
-    """Parse a time [s] to a decimal number; None if the text is missing or no finite number.
-
-    A float has too few digits for seconds since 1970.
-    """
-    try:
-        value = Decimal((text or "").strip())
-    except InvalidOperation:
-        return None
-    return value if value.is_finite() else None
-
-
-def _rounding_sd_ns(path: Path) -> int:
-    """Standard deviation [ns] of the rounding of a CSV's times: unit of the last decimal / sqrt(12).
-
-    The time with the most decimals counts; times in exponent notation are ignored. The result is at least
-    1 ns.
-    """
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        digits = max(
-            (
-                len(row[_TIME].strip().partition(".")[2])
-                for row in _rows(file)
-                if "e" not in row[_TIME].lower()
-            ),
-            default=9,
-        )
-    return max(1, round(10.0 ** (9 - digits) / 12**0.5))
+    for row in table.rows:
+        if not row.name:
+            raise ImportRefused(f"{path}: line {row.line}: names no image: correct it, or leave the line out")
+    images = [folder / (row.name or "") for row in rows]
+    refuse_repeated(path, [str(image) for image in images])
+    return list(zip(checked_times_ns(path, rows, "image"), images, strict=True))

@@ -26,6 +26,7 @@ from analyze.reading.compressed_video import grey_image
 from analyze.sources.access_units import AccessUnits, has_lengths
 from analyze.sources.frame_timing import FrameTiming, frame_timing, interval_range, time_scatter
 from analyze.sources.image_file import image_file
+from analyze.sources.listed_timing import ListedTiming, read_listed_timing
 from analyze.sources.picture_numbers import CodedPictures
 from analyze.sources.source import TimedFile, TimedImage
 from analyze.sources.video_container import (
@@ -65,17 +66,20 @@ class VideoSource:
         path: video file.
         capture_hz: frame rate at which it was captured, if it plays slower [Hz]. None to use the capture rate
             that the file states; if it states none, its time stamps are taken as true.
+        times: table (CSV) with the capture times of all frames, in place of the file's time stamps, which
+            then only order the frames; None to use the stamps.
 
     Raises:
         ImportRefused: the file does not exist, is not a video, cannot be decoded, is interlaced, or has fewer
-            than two time stamps.
+            than two time stamps; or the table of times is not of this video.
     """
 
-    def __init__(self, path: Path, capture_hz: float | None = None) -> None:
+    def __init__(self, path: Path, capture_hz: float | None = None, times: Path | None = None) -> None:
         self.path = path
         self.name = path.name
-        self.time_source = TimeSource.CONTAINER_PTS
         self._remarks: dict[str, str] = {}
+        self._numbered = False
+        """True to number the frames in place of their time stamps, which are missing or not different"""
         with closing(self._open()) as container:
             stream = video_stream(container, path)
             self.codec = stream.codec_context.name
@@ -84,11 +88,18 @@ class VideoSource:
             self.holds_files = self.codec in FILE_CODECS
             self.is_coded = self.codec != "rawvideo"
             self._has_lengths = has_lengths(stream)
-            self.timing = self._read_timing(container, stream, capture_hz)
-            self.rate_hz, self.time_sd_ns = 1 / self.timing.interval_s, self.timing.sd_ns
             self.frame_count = stream.frames or None
+            self.timing: FrameTiming | ListedTiming
+            if times is None:
+                self.timing = self._read_timing(container, stream, capture_hz)
+                self.time_source = TimeSource.CONTAINER_PTS
+                self._stated_end_s = stated_end_s(container, self.timing)
+            else:
+                self.timing = self._listed_timing(container, stream, times)
+                self.time_source, self._stated_end_s = self.timing.time_source, None
+                self.frame_count = len(self.timing.stamps)
+            self.rate_hz, self.time_sd_ns = 1 / self.timing.interval_s, self.timing.sd_ns
             self.wall_start_ns = wall_start_ns(container)
-            self._stated_end_s = stated_end_s(container, self.timing)
         with closing(self._open()) as container:
             frame = self._first_frame(container)
             self.width, self.height = frame.width, frame.height
@@ -107,6 +118,11 @@ class VideoSource:
         """
         return tuple(self._remarks.values())
 
+    @property
+    def may_be_slow(self) -> bool:
+        """True if the video may be slow motion that states no capture rate, and whose times are its own."""
+        return self.timing.slowed == 1 and not isinstance(self.timing, ListedTiming)
+
     def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
         """Yield the decoded grey images with increasing times since the first frame.
 
@@ -123,7 +139,7 @@ class VideoSource:
         with closing(self._open()) as container:
             stream = video_stream(container, self.path)
             stream.thread_type = "AUTO"
-            if start_ns:
+            if start_ns and not self._numbered:
                 container.seek(self.timing.stamp(start_ns), stream=stream)
             for packet in self._packets(container, stream):
                 try:
@@ -204,7 +220,7 @@ class VideoSource:
         seen, damaged, last_ns = 0, 0, -1
         with closing(self._open()) as container:
             stream = video_stream(container, self.path)
-            if start_ns:
+            if start_ns and not self._numbered:
                 container.seek(self.timing.stamp(start_ns), stream=stream)
             for packet in self._packets(container, stream):
                 if packet.pts is None:
@@ -227,6 +243,10 @@ class VideoSource:
         if start_ns is None and end_ns is None:
             self._note_count(seen, last_ns)
 
+    def add_remark(self, kind: str, text: str) -> None:
+        """Add a remark for the user, in place of an earlier one of its kind."""
+        self._remarks[kind] = text
+
     def check_constant_rate(self, times_ns: NDArray[np.int64]) -> None:
         """Add remarks if frame times scatter, or the frame rate changes by a factor of `MIN_RATE_JUMP`.
 
@@ -238,11 +258,13 @@ class VideoSource:
                 correct.
         """
         scatter, interval = time_scatter(times_ns)
+        remedy = "import the video as the camera recorded it, not converted or shared"
+        if isinstance(self.timing, ListedTiming):
+            remedy = "check that the table's times are those of exposure, not of arrival or writing"
         if scatter > max(MAX_TIME_SCATTER * interval, 2 * self.time_sd_ns):
             self._remarks["time_scatter"] = (
                 f"{self.name}: its frame times scatter by {scatter * 1e-6:.2g} ms, {scatter / interval:.0%} "
-                "of their interval, so that motions look jerky: import the video as the camera recorded it, "
-                "not converted or shared"
+                f"of their interval, so that motions look jerky: {remedy}"
             )
         shortest, longest = interval_range(times_ns)
         if longest < MIN_RATE_JUMP * shortest or not shortest:
@@ -286,9 +308,10 @@ class VideoSource:
     def _packets(self, container: InputContainer, stream: av.VideoStream) -> Iterator[av.Packet]:
         """Yield the stream's packets (coded pictures), up to the end or an error of reading.
 
-        Corrupt packets are left out. These and an error of reading add the remark that the file is cut short.
+        Corrupt packets are left out; the others have their number as time stamp where the file's are of no
+        use (`_numbered`). Corrupt ones and an error of reading add the remark that the file is cut short.
         """
-        packets = container.demux(stream)
+        packets, number = container.demux(stream), 0
         while True:
             try:
                 packet = next(packets)
@@ -300,7 +323,41 @@ class VideoSource:
             if packet.is_corrupt:
                 self._note_cut()
                 continue
+            if self._numbered and packet.size:
+                packet.pts, number = number, number + 1
             yield packet
+
+    def _listed_timing(self, container: InputContainer, stream: av.VideoStream, times: Path) -> ListedTiming:
+        """Read the capture times of all frames from a table; the file's stamps only give their order.
+
+        Frames are numbered as they come where stamps are missing or not different.
+
+        Args:
+            container: the open file.
+            stream: its video stream.
+            times: the table.
+
+        Raises:
+            ImportRefused: the table cannot be read or is not of this video, or the frames' order is unknown,
+                as stamps are missing and the codec stores frames out of order.
+        """
+        stamps = [packet.pts for packet in self._packets(container, stream) if packet.size]
+        different = {stamp for stamp in stamps if stamp is not None}
+        if len(different) < len(stamps):
+            if stream.codec_context.has_b_frames:
+                raise ImportRefused(
+                    f"{self.path}: its frames have no time stamps and are not stored in their order "
+                    "(B-frames), so that their rows in the table are unknown: record without B-frames, or "
+                    "in a container with time stamps (MP4, Matroska)"
+                )
+            self._numbered, different = True, set(range(len(stamps)))
+        stated = stream.average_rate
+        timing, remark = read_listed_timing(
+            times, sorted(different), self.name, float(stated) if stated else None
+        )
+        if remark is not None:
+            self._remarks["table"] = f"{self.name}: {remark}"
+        return timing
 
     def _read_timing(
         self, container: InputContainer, stream: av.VideoStream, capture_hz: float | None

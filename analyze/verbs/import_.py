@@ -37,8 +37,9 @@ class _ImportArguments:
     """frame rate of the capture [Hz]; None for the rate that the file states"""
     capture_fps_sd: float | None
     """standard deviation of the frame rate [Hz]; None for the default"""
-    times: Path | None
-    """CSV file with the times of a folder's images; None for the one in the folder"""
+    times: tuple[Path, ...]
+    """CSV files with the times of a folder's images or a video's frames, one per source; empty to look for
+    them"""
     topic: str | None
     """topic of the images in an MCAP file or bag; None for the only one"""
     whole: bool
@@ -85,8 +86,11 @@ class _ImportArguments:
 )
 @path_option(
     "--times",
+    multiple=True,
     metavar="CSV",
-    help="For a folder of images: CSV with columns name,time_s.  [default: the one in the folder]",
+    help="Times of the images of a folder (columns name,time_s) or of a video's frames (time_s, time_ms, "
+    "timestamp_ns ..., a row per frame), once per source; - for the video's own.  [default: the CSV in the "
+    "folder; the one beside the video with its name]",
 )
 @click.option(
     "--topic",
@@ -143,7 +147,7 @@ def _import_options(arguments: _ImportArguments) -> ImportOptions:
         raise click.UsageError(
             "no output is named: give the recording to write with -o FILE.mcap, or --dry-run"
         )
-    inputs = [*arguments.sources, arguments.object_path, arguments.plan_path, camera]
+    inputs = [*arguments.sources, *arguments.times, arguments.object_path, arguments.plan_path, camera]
     refuse_outputs([output], inputs=inputs, force=arguments.force)
     if output is not None:
         refuse_taken(output, replace=arguments.force)
@@ -154,9 +158,10 @@ def _import_options(arguments: _ImportArguments) -> ImportOptions:
         camera,
         arguments.strikes,
         arguments.whole,
-        SourceOptions(arguments.capture_fps, arguments.times, arguments.topic),
+        SourceOptions(arguments.capture_fps, topic=arguments.topic),
         arguments.capture_fps_sd,
         None if output is None or arguments.dry_run else output.parent,
+        arguments.times,
     )
 
 

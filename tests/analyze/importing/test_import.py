@@ -106,6 +106,22 @@ def test_slow_motion_that_states_30_hz(tmp_path):
     assert motion.fit.k == pytest.approx(K, rel=0.01)
 
 
+def test_a_video_whose_stamps_are_wrong_is_read_with_its_table_of_times(tmp_path):
+    """The container states 30 frames per second throughout; the camera lost four frames of the tip."""
+    shown = [number for number in range(len(tip())) if not REST + 8 <= number < REST + 12]
+    images, stamps = [tip()[number] for number in shown], range(0, 33_333 * len(shown), 33_333)
+    path = write_video(tmp_path / "a.mp4", images, stamps, crf="10")
+    table = tmp_path / "stamps.csv"
+    rows = [f"{100 + number},{5 * 10**9 + number * STEP_US * 1000}" for number in shown]
+    table.write_text("\n".join(["frame_id,device_time_ns", *rows]))
+    with prepare(ImportOptions((path,), *setting(tmp_path), times=(table,))) as prepared:
+        written = write_recording(prepared, tmp_path / "o.mcap")
+    assert written.remarks == ("a.mp4: 4 frames are missing once: 0.042 s from 0.308 s on",)
+    [motion] = read_evidence(read_head(tmp_path / "o.mcap")).motions
+    assert motion.fit is not None
+    assert motion.fit.k == pytest.approx(K, rel=0.01)
+
+
 def test_missing_frames_are_reported(tmp_path):
     times = [number * STEP_US for number in range(len(tip())) if not 40 <= number < 47]
     images = [image for number, image in enumerate(tip()) if not 40 <= number < 47]

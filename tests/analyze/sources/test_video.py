@@ -116,7 +116,10 @@ def test_a_folder_without_times_is_refused(tmp_path):
 
 @pytest.mark.parametrize(
     ("unit", "said"),
-    [(1000, "its images come every 8.33 s: time_s must be in seconds"), (0, "two images have the same")],
+    [
+        (1000, "its images come every 8.33 s by the column time_s: if they are in ms, rename"),
+        (0, "two images have the same"),
+    ],
 )
 def test_csv_times_not_in_seconds_are_refused(tmp_path, unit, said):
     for number in range(4):
@@ -140,7 +143,7 @@ def test_file_that_is_no_mp4_is_not_called_cut(tmp_path, content):
     [
         (["Time_s, Name", "0, 0.png", "0.01, 1.png"], None),
         (["name,time_s", "0.png,0", ",0.01"], "line 3: names no image"),
-        (["name,time_s", "0.png,0", "0.png,0.01"], "0.png 2 times: each image has one time"),
+        (["name,time_s", "0.png,0", "0.png,0.01"], "0.png 2 times: each has one time"),
     ],
 )
 def test_csv_in_usual_variants(tmp_path, rows, said):
@@ -172,12 +175,6 @@ def test_images_that_the_csv_omits_are_reported(tmp_path):
     (tmp_path / "3.png").unlink()
     source = open_source(tmp_path, SourceOptions())
     assert source.remarks == ()
-
-
-def test_times_option_is_refused_for_a_video(tmp_path):
-    path = write_video(tmp_path / "a.mkv", tip()[:2])
-    with pytest.raises(ImportRefused, match="--times applies to folders of images"):
-        open_source(path, SourceOptions(times=tmp_path / "times.csv"))
 
 
 def test_video_of_a_single_frame_is_refused(tmp_path):
