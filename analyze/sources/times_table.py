@@ -78,8 +78,6 @@ def is_times_table(path: Path) -> bool:
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             head = file.readline(4096)
-    except FileNotFoundError:
-        raise ImportRefused(f"{path}: no such table of times: check the path") from None
     except (OSError, UnicodeDecodeError):
         return False
     return bool(TIMECODES.match(head)) or bool(time_columns(_cells(head)))
@@ -196,6 +194,8 @@ def _read_lines(path: Path) -> Iterator[tuple[int, list[str]]]:
                         rows.line_num,
                         cells if separator == "," else [cell.replace(",", ".") for cell in cells],
                     )
+    except FileNotFoundError:
+        raise ImportRefused(f"{path}: no such table of times: check the path") from None
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise ImportRefused(f"{path}: cannot be read as CSV ({reason}): it needs {COLUMNS_TEXT}") from None
