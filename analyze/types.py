@@ -426,5 +426,7 @@ class EquiPlane:
         normal is W's z at rest. Otherwise the face is the one that landed before the object turned over the
         line.
         """
+        if self.facet_rad == 0.0:
+            return self.up
         ahead = np.cross(self.direction, self.up)
         return np.cos(self.facet_rad) * self.up - np.sin(self.facet_rad) * ahead

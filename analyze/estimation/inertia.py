@@ -52,10 +52,11 @@ def shape_prior(cells: Cells) -> MomentPrior:
     mean = (uniform + surface) / 2
     scale = np.sqrt(np.outer(np.diag(mean), np.diag(mean)))
     sd = np.maximum(np.abs(surface - uniform), 0.25 * scale)
+    middle, unit = centroids.mean(axis=0), np.eye(3)
 
     def prior(com: Array) -> UnitPrior:
-        off = centroids.mean(axis=0) - com
-        apart = off @ off * np.eye(3) - np.outer(off, off)
+        off = middle - com
+        apart = off @ off * unit - off[:, None] * off
         return UnitPrior(mean, np.hypot(sd, apart))
 
     return prior

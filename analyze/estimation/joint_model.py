@@ -112,18 +112,21 @@ class JointModel:
         self._along = np.array([plane.direction for plane in planes])
         self._up = np.array([plane.up for plane in planes])
         self._forward = np.cross(self._along, self._up)
+        base_up = np.array([plane.base_up for plane in planes])
+        base_forward = np.cross(self._along, base_up)
         self._phi = np.array([plane.phi for plane in planes])
         self._radius = np.array([plane.edge_radius for plane in planes])
         self._log_g = 0.0 if scale is None else float(np.log(scale.gravity))
         self._shift = np.zeros((n, 3, self.count))
-        self._turn = np.zeros((n, self.count))
-        self._radius_error = np.zeros((n, self.count))
-        self._k_error = np.zeros((n, self.count))
+        self._turn, self._radius_error, self._k_error = np.zeros((3, n, self.count))
         self._lean = np.zeros(n)
+        self._latest: tuple[bytes, tuple[Array, Array, Array]] = b"", (np.zeros(0), np.zeros(0), np.zeros(0))
         for i, plane in enumerate(planes):
             first = self._first[plane.axis_id]
             self._shift[i, :, SCALE_TERM] = plane.point * systematic.scale_sd
-            self._radius_error[i], moved = self._edge_errors(plane, systematic, first, first_face, faces)
+            self._radius_error[i], moved = self._edge_errors(
+                plane, (base_forward[i], base_up[i]), systematic, first, first_face, faces
+            )
             self._shift[i] += moved
             tilt, towards = self.tilts[plane.level], np.array([np.cos(plane.heading), np.sin(plane.heading)])
             self._lean[i] = towards @ tilt.lean
@@ -142,6 +145,7 @@ class JointModel:
     def _edge_errors(
         self,
         plane: EquiPlane,
+        base: tuple[Array, Array],
         systematic: SystematicErrors,
         first: int,
         first_face: int,
@@ -153,17 +157,18 @@ class JointModel:
 
         Args:
             plane: plane of a strike over the edge, through this line and the centre of mass.
+            base: unit vectors, each (3,), forward and up along the face that lies on the table at the line.
             systematic: standard deviations of shared errors.
             first: index of the first unknown of the pivot axis.
             first_face: index of the first face's unknown.
             faces: keys of all faces, in the order of their unknowns.
         """
         radius, shift = np.zeros(self.count), np.zeros((3, self.count))
-        forward = np.cross(plane.direction, plane.base_up)
+        forward, up = base
         if plane.rounded:
             radius_of_face = first_face + len(faces) + faces.index(_faces(plane)[0])
             radius[RADIUS], radius[radius_of_face], radius[first + OWN_RADIUS] = radius_sds(plane, systematic)
-            shift += np.outer(centre_line_shift(plane), radius)
+            shift += np.outer(_centre_line_shift(plane, forward, up), radius)
         else:
             # A flank's centre of curvature lies nearer to c by as much as its radius is larger.
             radius[first + OWN_RADIUS] = plane.radius_sd
@@ -174,7 +179,7 @@ class JointModel:
         shift[:, first + FORWARD] = forward * np.sqrt(plane.edge_sd**2 - of_wall**2)
         # A face farther out moves the line along the other face that meets at the edge.
         rest, *wall = (first_face + faces.index(face) for face in _faces(plane))
-        shift[:, rest] = (forward * np.tan(plane.wall_lean) - plane.base_up) * plane.edge_sd
+        shift[:, rest] = (forward * np.tan(plane.wall_lean) - up) * plane.edge_sd
         for term in wall:
             shift[:, term] += forward * of_wall / np.cos(plane.wall_lean)
         return radius, shift
@@ -220,7 +225,7 @@ class JointModel:
 
         `x` (count,) holds centre of mass [m], second moments and errors, as the class describes it.
         """
-        forward, height = self._across(x)
+        forward, height, _ = self._arms(x)
         angles = np.arctan2(-forward, height) + self._lean - self._phi + self._turn @ x
         return np.remainder(angles + np.pi, 2 * np.pi) - np.pi
 
@@ -231,8 +236,7 @@ class JointModel:
         c is n / R [rad/m], with n the unit normal of the plane through c and the pivot's centre line, R the
         distance of c from that line.
         """
-        forward, height = self._across(x)
-        R = self.distances(x)
+        forward, height, R = self._arms(x)
         # Eq. (4) at the phi of the present c.
         normals = (-self._forward * (height / R)[:, None] + self._up * (forward / R)[:, None]) / R[:, None]
         return self._rows(normals) + self._turn
@@ -251,7 +255,7 @@ class JointModel:
         The pivot line is the centre line of the edge's rounding. R is at least `MIN_DISTANCE`. `x` (count,)
         holds the model's unknowns: centre of mass [m], second moments, shared errors.
         """
-        return np.maximum(np.hypot(*self._across(x)), MIN_DISTANCE)
+        return self._arms(x)[2]
 
     def distance_design(self, x: Array) -> Array:
         """Derivative (strikes, count) of the distances [m] of the centre of mass from the pivot lines.
@@ -259,8 +263,7 @@ class JointModel:
         A pivot line is the centre line of an edge's rounding. The derivative is by the model's unknowns
         (centre of mass [m], second moments, shared errors), at their values `x` (count,).
         """
-        forward, height = self._across(x)
-        R = self.distances(x)
+        forward, height, R = self._arms(x)
         return self._rows((self._forward * forward[:, None] + self._up * height[:, None]) / R[:, None])
 
     def about_com(self, x: Array) -> tuple[Array, Array]:
@@ -281,11 +284,13 @@ class JointModel:
         radius, R the distance of the centre of mass from the centre line of the edge's rounding. Returned as
         a pair with its derivative (strikes, count) by the unknowns `x`.
         """
+        return self._about_edge(x, self.distance_design(x))
+
+    def _about_edge(self, x: Array, by_distance: Array) -> tuple[Array, Array]:
+        """`about_edge` at the unknowns `x`, where the distances' derivative `by_distance` is known."""
         about_com, by_second = self.about_com(x)
         lever = self.distances(x) + self._radius + self._radius_error @ x
-        return about_com + lever**2, by_second + 2 * lever[:, None] * (
-            self.distance_design(x) + self._radius_error
-        )
+        return about_com + lever**2, by_second + 2 * lever[:, None] * (by_distance + self._radius_error)
 
     def log_k(self, x: Array) -> tuple[Array, Array]:
         """Modelled ln k (strikes,), with k the rate constant in rad/s^2, and its derivative (strikes, count).
@@ -294,19 +299,24 @@ class JointModel:
         line of the edge's rounding, and I_edge the moment of inertia about the line of contact with the
         table. The derivative is by the unknowns `x` (count,).
         """
-        R = self.distances(x)
-        about_edge, by = self.about_edge(x)
-        rows = self.distance_design(x) / R[:, None] - by / about_edge[:, None] + self._k_error
+        R, by_distance = self.distances(x), self.distance_design(x)
+        about_edge, by = self._about_edge(x, by_distance)
+        rows = by_distance / R[:, None] - by / about_edge[:, None] + self._k_error
         return self._log_g + np.log(R / about_edge) + self._k_error @ x, rows
 
-    def _across(self, x: Array) -> tuple[Array, Array]:
-        """Forward and upward components, each (strikes,) [m], of the arm from pivot line to centre of mass.
+    def _arms(self, x: Array) -> tuple[Array, Array, Array]:
+        """Arm from pivot line to centre of mass: forward, upward component, length R, each (strikes,) [m].
 
         Forward is the horizontal direction of the tip at rest. The pivot line is the centre line of the
-        edge's rounding, shifted by the errors of scale, radius and place in the unknowns `x` (count,).
+        edge's rounding, shifted by the errors of scale, radius and place in the unknowns `x` (count,). R is
+        at least `MIN_DISTANCE`. The arms at the latest `x` are kept: a step asks for them five times.
         """
-        arm = x[COM] - self._point - self._shift @ x
-        return np.sum(arm * self._forward, axis=1), np.sum(arm * self._up, axis=1)
+        key = x.tobytes()
+        if key != self._latest[0]:
+            arm = x[COM] - self._point - self._shift @ x
+            forward, height = np.sum(arm * self._forward, axis=1), np.sum(arm * self._up, axis=1)
+            self._latest = key, (forward, height, np.maximum(np.hypot(forward, height), MIN_DISTANCE))
+        return self._latest[1]
 
     def _rows(self, across: Array) -> Array:
         """Derivative (strikes, count) of one component of each strike's arm [m] by the unknowns `x` (count,).
@@ -341,10 +351,15 @@ def centre_line_shift(plane: EquiPlane) -> Array:
     and farther back. One that is part of the shape starts where the resting face ends: its centre line only
     rises.
     """
+    up = plane.base_up
+    return _centre_line_shift(plane, np.cross(plane.direction, up), up)
+
+
+def _centre_line_shift(plane: EquiPlane, forward: Array, up: Array) -> Array:
+    """`centre_line_shift` where the unit vectors `forward` and `up` (3,) along the resting face are known."""
     if plane.radius_prior is not None and plane.radius_prior.source is RadiusSource.SHAPE:
-        return plane.base_up
-    forward = np.cross(plane.direction, plane.base_up)
-    return plane.base_up - forward * (1 + np.sin(plane.wall_lean)) / np.cos(plane.wall_lean)
+        return up
+    return up - forward * (1 + np.sin(plane.wall_lean)) / np.cos(plane.wall_lean)
 
 
 def _faces(plane: EquiPlane) -> list[tuple[str, str]]:

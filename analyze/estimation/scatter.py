@@ -124,12 +124,8 @@ def estimated_factors(
     tilts = np.concatenate([np.r_[model.tilt_terms(level)] for level in range(len(model.tilts))])
     of_tilt = design[:, tilts] @ design[:, tilts].T
     level_table = np.eye(len(design)) + design @ covariance @ design.T - of_tilt
-    density = np.stack(
-        [
-            _log_likelihood(level_table + (factor / present.tilt) ** 2 * of_tilt, by_scatter, residual)
-            for factor in TILT_FACTORS.tolist()
-        ]
-    )
+    tilted = level_table + ((TILT_FACTORS / present.tilt) ** 2)[:, None, None] * of_tilt
+    density = _log_likelihood(tilted, by_scatter, residual)
     density += (
         factor_log_prior(SCATTER_FACTORS, SCATTER_SCALE) + factor_log_prior(TILT_FACTORS, TILT_SCALE)[:, None]
     )
@@ -153,25 +149,26 @@ def factor_log_prior(factors: Array, scale: float, freedom: float = PRIOR_FREEDO
 
 
 def _log_likelihood(covariance: Array, by_scatter: Array, residual: Array) -> Array:
-    """Log likelihood (k,), up to a constant, of the measurements for k factors on the sd of scatter.
+    """Log likelihood (tilts, k), up to a constant, of the measurements for k factors on the sd of scatter.
 
     The scatter is that of the balance angle from strike to strike; the factors are `SCATTER_FACTORS`. With V
     the covariance, H the derivative and r the residuals, it is -(ln det(V + s^2 H H^T) + r^T (V + s^2 H
     H^T)^-1 r) / 2 for a factor s.
 
     Args:
-        covariance: (n, n) V, of the standardised measurements without scatter, errors that strikes share and
-            all other unknowns included.
+        covariance: (tilts, n, n) V, for several sds of the table's tilt: of the standardised measurements
+            without scatter, errors that strikes share and all other unknowns included.
         by_scatter: (n, strikes) H, their derivatives by each strike's scatter, in units of its stated sd.
         residual: (n,) r, modelled minus measured, at the prior's mean of the unknowns.
     """
     root = np.linalg.cholesky(covariance)
     solved = np.linalg.solve(root, np.column_stack([by_scatter, residual]))
-    H, r = solved[:, :-1], solved[:, -1]
-    values, vectors = np.linalg.eigh(H.T @ H)
-    along = vectors.T @ (H.T @ r)
+    H, r = solved[:, :, :-1], solved[:, :, -1:]
+    H_T = np.swapaxes(H, 1, 2)
+    values, vectors = np.linalg.eigh(H_T @ H)
+    along = np.swapaxes(vectors, 1, 2) @ (H_T @ r)
     squares = SCATTER_FACTORS[:, None] ** 2
-    grown = 1 + squares * np.maximum(values, 0.0)
-    misfit = r @ r - np.sum(squares * along**2 / grown, axis=1)
-    log_det = 2 * np.sum(np.log(np.diag(root))) + np.sum(np.log(grown), axis=1)
-    return np.asarray(-0.5 * (misfit + log_det), dtype=np.float64)
+    grown = 1 + squares * np.maximum(values, 0.0)[:, None]
+    misfit = np.sum(r**2, axis=1) - np.sum(squares * along[:, None, :, 0] ** 2 / grown, axis=2)
+    log_det = 2 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)[:, None]
+    return np.asarray(-0.5 * (misfit + log_det + np.sum(np.log(grown), axis=2)), dtype=np.float64)

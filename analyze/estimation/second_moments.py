@@ -8,34 +8,49 @@ is possible, since every such S belongs to a body: moments positive, triangle in
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from analyze.types import TENSOR_ENTRIES, Array
 
 MIN_EIGENVALUE_FRACTION = 1e-3
 """Lower bound of an eigenvalue of the second-moment matrix over its trace, so that the tensor is possible."""
+_ROW, _COLUMN = np.array(TENSOR_ENTRIES).T
+"""Indices (6,) of the rows and of the columns of a symmetric tensor's entries."""
+_NUMBER, _DIAGONAL, _UNIT = np.arange(len(TENSOR_ENTRIES)), np.arange(3), np.eye(3)
+"""Indices of the entries, and of rows, and the unit matrix."""
 
 
 def unit_inertia(numbers: Array) -> tuple[Array, Array]:
     """Inertia tensor per kilogram about the centre of mass (3, 3) [m^2], and its derivatives (6, 3, 3).
 
     The tensor is tr(S) - S with the second moments S = U U^T, U upper triangular. The derivatives are by the
-    six `numbers`.
+    six `numbers`. Both arrays are read-only.
 
     Args:
         numbers: (6,) logarithms of U's diagonal [m], then U's entries 12, 13, 23 [m].
     """
+    return _unit_inertia(numbers.tobytes())
+
+
+@lru_cache(maxsize=16)
+def _unit_inertia(key: bytes) -> tuple[Array, Array]:
+    """`unit_inertia` of the numbers whose bytes are `key`; each step of a fit asks for it several times."""
+    numbers = np.frombuffer(key)
     U = np.zeros((3, 3))
-    for (i, j), number in zip(TENSOR_ENTRIES, numbers.tolist(), strict=True):
-        U[i, j] = np.exp(number) if i == j else number
+    U[_ROW, _COLUMN] = numbers
+    U[_DIAGONAL, _DIAGONAL] = sizes = np.exp(numbers[:3])
     S = U @ U.T
+    columns = U[:, _COLUMN].T
+    columns[:3] *= sizes[:, None]
     by = np.zeros((6, 3, 3))
-    for n, (i, j) in enumerate(TENSOR_ENTRIES):
-        size = U[i, i] if i == j else 1.0
-        by[n, i, :] += size * U[:, j]
-        by[n, :, i] += size * U[:, j]
-    by = np.trace(by, axis1=1, axis2=2)[:, None, None] * np.eye(3) - by
-    return np.trace(S) * np.eye(3) - S, by
+    by[_NUMBER, _ROW, :] = columns
+    by[_NUMBER, :, _ROW] += columns
+    traces = by[:, 0, 0] + by[:, 1, 1] + by[:, 2, 2]
+    J, by = (S[0, 0] + S[1, 1] + S[2, 2]) * _UNIT - S, traces[:, None, None] * _UNIT - by
+    J.flags.writeable = by.flags.writeable = False
+    return J, by
 
 
 def log_cholesky(inertia: Array) -> Array:
@@ -69,7 +84,7 @@ def nearest_possible(inertia: Array) -> Array:
 
 def symmetric_entries(matrix: Array) -> Array:
     """Entries (..., 6) in the order xx, yy, zz, xy, xz, yz of symmetric matrices (..., 3, 3)."""
-    return np.stack([matrix[..., i, j] for i, j in TENSOR_ENTRIES], axis=-1)
+    return matrix[..., _ROW, _COLUMN]
 
 
 def symmetric_matrix(entries: Array) -> Array:
