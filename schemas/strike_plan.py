@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import enum
 import json
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from pydantic import Field, model_validator
@@ -26,6 +27,19 @@ from schemas.tags import MarkerName
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+
+FOUND_PLAN_VERSION = "1.1"
+"""schema version of plans whose strikes were found in images"""
+AIM_ENTRIES = (
+    "impact",
+    "impact_height_m",
+    "impulse_n_s",
+    "tip_speed_m_s",
+    "energy_ratio",
+    "friction_needed",
+)
+"""entries of a planned strike that one found in images lacks"""
 
 
 class Pivot(Document):
@@ -62,6 +76,24 @@ class Range(Document):
     """largest feasible value of the quantity"""
 
 
+@dataclass(frozen=True)
+class Aim:
+    """Aim of a planned strike: the place to strike, how hard, and the friction that the edge needs."""
+
+    impact: Impact
+    """point and direction of the striker's impact"""
+    impact_height_m: float
+    """height of the impact point above the table [m]"""
+    impulse_n_s: Range
+    """impulse of the strike [N s]"""
+    tip_speed_m_s: Range
+    """tip speed of the striker [m/s]"""
+    energy_ratio: float
+    """E: kinetic energy after the strike over the energy needed to reach balance"""
+    friction_needed: float
+    """friction coefficient that the edge needs not to slip"""
+
+
 class PlannedStrike(Document):
     """One strike, and the placement of the object for it.
 
@@ -71,6 +103,9 @@ class PlannedStrike(Document):
 
     For a strike with a heading, object and striker are turned by `heading_rad` about W's z on the table, and
     the camera stays. All entries, `camera_pose` too, are then expressed in W turned by `heading_rad`.
+
+    A strike that nobody planned (PlanMethod.IMAGES) has no aim: the place to strike, impulse, speed, energy
+    ratio and friction needed are null.
     """
 
     id: str
@@ -84,14 +119,18 @@ class PlannedStrike(Document):
         description="turn about W's z, anticlockwise seen from above; with pi the object tips towards W's -x",
     )
     pivot: Pivot
-    impact: Impact
-    impact_height_m: float = Field(gt=0, description="height of the impact point above the table")
-    impulse_n_s: Range
+    impact: Impact | None = None
+    impact_height_m: float | None = Field(
+        default=None, gt=0, description="height of the impact point above the table"
+    )
+    impulse_n_s: Range | None = None
     """impulse of the strike [N s]"""
-    tip_speed_m_s: Range
+    tip_speed_m_s: Range | None = None
     """tip speed of the striker [m/s]"""
-    energy_ratio: float = Field(
-        gt=0, description="E: kinetic energy after the strike over the energy needed to reach balance"
+    energy_ratio: float | None = Field(
+        default=None,
+        gt=0,
+        description="E: kinetic energy after the strike over the energy needed to reach balance",
     )
     phi_predicted_rad: float = Field(description="predicted balance angle phi")
     phi_predicted_sd_rad: float = Field(ge=0)
@@ -107,7 +146,9 @@ class PlannedStrike(Document):
     visible_markers: list[MarkerName]
     """names of the markers that the camera sees during the tip"""
     camera_pose: Matrix4 = Field(description="T_world_camera of a camera that looks along the pivot axis")
-    friction_needed: float = Field(ge=0, description="friction coefficient that the edge needs not to slip")
+    friction_needed: float | None = Field(
+        default=None, ge=0, description="friction coefficient that the edge needs not to slip"
+    )
     rolls: bool = Field(
         default=False,
         description="true if the edge is a rim or a curved flank, on which the contact can roll",
@@ -118,6 +159,34 @@ class PlannedStrike(Document):
         "every possible one",
     )
     card: str = Field(default="", description="instruction in words how to place the object")
+
+    @property
+    def aim(self) -> Aim:
+        """Where and how hard to strike.
+
+        Raises:
+            DocumentError: the strike was found in images; nobody planned it.
+        """
+        impact, height, impulse, speed = (
+            self.impact,
+            self.impact_height_m,
+            self.impulse_n_s,
+            self.tip_speed_m_s,
+        )
+        energy, friction = self.energy_ratio, self.friction_needed
+        if (
+            impact is None
+            or height is None
+            or impulse is None
+            or speed is None
+            or energy is None
+            or friction is None
+        ):
+            raise DocumentError(
+                f"strike {self.id}: was found in images and not planned, so that it is not known where and "
+                "how hard to strike: plan strikes with `analyze plan`"
+            )
+        return Aim(impact, height, impulse, speed, energy, friction)
 
 
 class Rejection(Document):
@@ -233,11 +302,13 @@ class PlanHypothesis(Document):
 class PlanMethod(enum.Enum):
     """Method by which strikes were chosen: this project's (ours), or that of the VISAPP 2013 paper.
 
-    The paper is the one on which the project is based (docs/explanation/method.md).
+    The paper is the one on which the project is based (docs/explanation/method.md). Strikes of the method
+    `images` were not chosen: `analyze import` found them in images of strikes that nobody planned.
     """
 
     OURS = "ours"
     PAPER = "paper"
+    IMAGES = "images"
 
 
 class StrikePlan(Document):
@@ -268,6 +339,15 @@ class StrikePlan(Document):
         twice = sorted({i for i in ids if ids.count(i) > 1})
         if twice:
             raise ValueError(f"strike id {twice[0]!r} is used twice")
+        return self
+
+    @model_validator(mode="after")
+    def _aims(self) -> StrikePlan:
+        if self.method is not PlanMethod.IMAGES:
+            for strike in self.strikes:
+                missing = [name for name in AIM_ENTRIES if getattr(strike, name) is None]
+                if missing:
+                    raise ValueError(f"strike {strike.id!r}: {missing[0]} is missing")
         return self
 
 

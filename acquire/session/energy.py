@@ -114,7 +114,7 @@ class EnergyLearner:
         log_energy = self._log_energy_draws(strike)
         margins = [math.log(limit) - float(np.quantile(log_energy, q)) for q, limit in ENERGY_LIMITS]
         speed = math.exp(0.5 * min(margins))
-        return min(max(speed, strike.tip_speed_m_s.min), strike.tip_speed_m_s.max)
+        return min(max(speed, strike.aim.tip_speed_m_s.min), strike.aim.tip_speed_m_s.max)
 
     def speed_for(self, strike: PlannedStrike, energy: float) -> float:
         """Speed of the striker's tip [m/s] to command for a median energy ratio E of `energy`.

@@ -167,8 +167,8 @@ class _Axis:
         across = (com - point) @ np.stack([tip, up]).T
         i_com = strike.i_edge_predicted_kg_m2 - mass * (math.hypot(*across) + strike.pivot.radius_m) ** 2
         i_com = max(i_com, 0.1 * strike.i_edge_predicted_kg_m2)
-        log_energy = math.log(strike.energy_ratio) - 2 * math.log(strike.tip_speed_m_s.target)
-        radius, height = strike.pivot.radius_m, strike.impact_height_m
+        log_energy = math.log(strike.aim.energy_ratio) - 2 * math.log(strike.aim.tip_speed_m_s.target)
+        radius, height = strike.pivot.radius_m, strike.aim.impact_height_m
         return cls(point, tip, up, radius, height, i_com, strike.phi_predicted_rad, log_energy)
 
 

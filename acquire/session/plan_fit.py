@@ -33,11 +33,16 @@ def _speed_problem(plan: StrikePlan, limits: RigLimits) -> str:
         return ""
     allow = limits.speeds.allow
     wrong = [
-        each for each in plan.strikes if not (allow(each.tip_speed_m_s.min) and allow(each.tip_speed_m_s.max))
+        each
+        for each in plan.strikes
+        if not (allow(each.aim.tip_speed_m_s.min) and allow(each.aim.tip_speed_m_s.max))
     ]
     if not wrong:
         return ""
-    low, high = min(each.tip_speed_m_s.min for each in wrong), max(each.tip_speed_m_s.max for each in wrong)
+    low, high = (
+        min(each.aim.tip_speed_m_s.min for each in wrong),
+        max(each.aim.tip_speed_m_s.max for each in wrong),
+    )
     slowest, fastest = limits.speeds.slowest_m_s, limits.speeds.fastest_m_s
     needed = f"{_strike_ids(wrong)} may need {low:.3g} to {high:.3g} m/s"
     return f"{needed}, the striker swings at {slowest:.3g} to {fastest:.3g} m/s"
@@ -47,10 +52,10 @@ def _reach_problem(plan: StrikePlan, limits: RigLimits) -> str:
     if limits.reach_m is None:
         return ""
     lowest, highest = limits.reach_m
-    wrong = [each for each in plan.strikes if not lowest <= each.impact_height_m <= highest]
+    wrong = [each for each in plan.strikes if not lowest <= each.aim.impact_height_m <= highest]
     if not wrong:
         return ""
-    heights = sorted(1000 * each.impact_height_m for each in wrong)
+    heights = sorted(1000 * each.aim.impact_height_m for each in wrong)
     needed = f"{heights[0]:.0f}" if len(wrong) == 1 else f"{heights[0]:.0f} to {heights[-1]:.0f}"
     reach = f"the striker reaches {1000 * lowest:.0f} to {1000 * highest:.0f} mm"
     return f"{_strike_ids(wrong)}: impact point {needed} mm over the table, {reach}"

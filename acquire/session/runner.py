@@ -211,7 +211,7 @@ class SessionRunner:
 
     def _ask_to_place(self, strike: PlannedStrike, hint: str) -> events.Event:
         rotation, p = strike.R_world_object, strike.p_world_object
-        impact = [sum(rotation[i][j] * strike.impact.point[j] for j in range(3)) + p[i] for i in range(3)]
+        impact = [sum(rotation[i][j] * strike.aim.impact.point[j] for j in range(3)) + p[i] for i in range(3)]
         answer = self._client.call(
             "prompt",
             kind="place",
@@ -385,7 +385,7 @@ class SessionRunner:
             "tip_speed_m_s": action.struck.tip_speed_m_s,
             "R_world_object": [value for row in action.strike.R_world_object for value in row],
             "p_world_object": action.strike.p_world_object,
-            "impact_height_m": action.strike.impact_height_m,
+            "impact_height_m": action.strike.aim.impact_height_m,
         }
         if verdict is not None:
             record |= {

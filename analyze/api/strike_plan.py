@@ -80,7 +80,7 @@ class Plan:
                 "axis": strike.axis_id,
                 "plane": strike.plane_id,
                 "heading [°]": round(float(np.degrees(strike.heading_rad)), 1),
-                "impulse [N s]": round(strike.impulse_n_s.target, 4),
+                "impulse [N s]": None if strike.impulse_n_s is None else round(strike.impulse_n_s.target, 4),
                 "phi predicted [°]": round(float(np.degrees(strike.phi_predicted_rad)), 2),
             }
             for strike in self.document.strikes

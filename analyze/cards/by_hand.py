@@ -22,12 +22,12 @@ def force_words(strike: PlannedStrike) -> tuple[str, str]:
     Args:
         strike: strike as planned; the impulse [N s] that it aims at counts.
     """
-    return next((word, motion) for most, word, motion in FORCES if strike.impulse_n_s.target <= most)
+    return next((word, motion) for most, word, motion in FORCES if strike.aim.impulse_n_s.target <= most)
 
 
 def force_margin(strike: PlannedStrike) -> str:
     """Clause on how exactly the force of a strike by hand must be met, and what shows that it was right."""
-    ratio = strike.impulse_n_s.max / max(strike.impulse_n_s.min, 1e-9)
+    ratio = strike.aim.impulse_n_s.max / max(strike.aim.impulse_n_s.min, 1e-9)
     many = f"up to {ratio:.1f} times that force works" if ratio > 1.15 else "little more is too much"
     return f"right if it slows down, then falls; if it rocks back, a little harder; {many}"
 

@@ -92,7 +92,7 @@ class Card:
         A tag on the side that it touches is named if there is one. The distance from the mark (the point y =
         0 of the pivot line in the world frame) is stated if it is more than `MIN_OFFSET_M`.
         """
-        height = 1000 * self.strike.impact_height_m
+        height = 1000 * self.strike.aim.impact_height_m
         words = (
             f"Flick it {height:.0f} mm above the table"
             if self.by_hand

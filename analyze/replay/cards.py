@@ -160,7 +160,7 @@ def _strike(stream: rr.RecordingStream, card: Card, camera: CameraModel) -> None
         rr.Points3D([[0, 0, 5e-4]], colors=[_PIVOT], radii=[0.003 if place.edge is None else 0.0024]),
     )
     tail = place.hit - np.array([0.6 * place.reach, 0, 0])
-    words = f"{1000 * place.strike_height:.0f} mm high, {strike.tip_speed_m_s.target:.2f} m/s"
+    words = f"{1000 * place.strike_height:.0f} mm high, {strike.aim.tip_speed_m_s.target:.2f} m/s"
     stream.log(
         "/world/striker",
         rr.Arrows3D(origins=[tail], vectors=[place.hit - tail], colors=[_STRIKER], radii=[0.0022]),
@@ -203,7 +203,8 @@ def card_text(card: Card) -> str:
         before = "Put it back exactly as before" if card.repeated else card.change
     measured_sd = strike.phi_measured_sd_rad
     precision = "" if measured_sd is None else f", measured to ±{np.degrees(measured_sd):.2f}°"
-    low, aim, high = strike.tip_speed_m_s.min, strike.tip_speed_m_s.target, strike.tip_speed_m_s.max
+    speed = strike.aim.tip_speed_m_s
+    low, aim, high = speed.min, speed.target, speed.max
     phi, phi_sd = np.degrees(strike.phi_predicted_rad), np.degrees(strike.phi_predicted_sd_rad)
     steps = (card.put_down, card.on_line, card.set_striker)
     return (
@@ -211,7 +212,7 @@ def card_text(card: Card) -> str:
         + "".join(f"{number}. {message(step)}\n" for number, step in enumerate(steps, 1))
         + f"\n**{aim:.2f} m/s** ({low:.2f} to {high:.2f}); "
         f"tips over at **{phi:.0f}° ± {phi_sd:.0f}°**{precision}; "
-        f"needs friction µ of {strike.friction_needed:.2f} or more.\n\n"
+        f"needs friction µ of {strike.aim.friction_needed:.2f} or more.\n\n"
         f"strike {as_written(strike.id)}, {as_written(f'{card.edge_name} ({strike.axis_id})')}\n"
     )
 

@@ -71,7 +71,7 @@ def com_from_papers_choice(estimate: Estimate, body: pb.TruthBody) -> OwnChoice:
         open_direction=unknown_direction(normals).tolist()
         if normal_spread(normals) < MIN_NORMAL_SPREAD
         else None,
-        friction_needed=max(strike.friction_needed for strike in plan.strikes),
+        friction_needed=max(strike.aim.friction_needed for strike in plan.strikes),
         paper_off_m=float(np.linalg.norm(paper.position - true)),
         ours_off_m=float(np.linalg.norm(ours.position - true)),
         ours_sd_m=float(np.sqrt(np.trace(ours.covariance))),
