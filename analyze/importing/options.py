@@ -18,8 +18,8 @@ class ImportOptions:
     """videos, folders of images, MCAP files or ROS 2 bags"""
     object_path: Path
     """object file (TOML)"""
-    plan_path: Path
-    """strike plan (JSON)"""
+    plan_path: Path | None
+    """strike plan (JSON); None for strikes that nobody planned, which are found in the images"""
     camera_path: Path | None
     """camera file; None for the calibration in the sources' own files"""
     strikes: tuple[str, ...] = ()
@@ -36,6 +36,9 @@ class ImportOptions:
     times: tuple[Path, ...] = ()
     """tables (CSV) of the frames' times in the order of the sources, `OWN_TIMES` for none; empty to look for
     them in a folder, or beside a video"""
+
+    edges: tuple[str, ...] = ()
+    """edges that the user states for strikes without a plan, as "s1=+x,bottom\""""
 
     def source_options(self) -> tuple[SourceOptions, ...]:
         """Options for reading each source; one table holds for several folders with the same names.

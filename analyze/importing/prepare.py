@@ -9,6 +9,7 @@ import math
 import shutil
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +18,10 @@ from analyze.cameras.camera_file import CameraFile, camera_of, read_camera
 from analyze.errors import ImportRefused
 from analyze.importing.assignment import assigned_ids
 from analyze.importing.camera_pose import EstimatedCameraPose, camera_pose_from_strike, mean_camera_pose
+from analyze.importing.found_strikes import FoundStrikes, find_strikes
 from analyze.importing.onsets import Onset, OnsetFinder
 from analyze.importing.options import ImportOptions
-from analyze.importing.prepared_import import PreparedImport, storable_videos
+from analyze.importing.prepared_import import Assignment, PreparedImport, storable_videos
 from analyze.importing.seen_tips import see_tips
 from analyze.importing.spool import Spool
 from analyze.importing.tip_view import TipView, view_by_placed_tag
@@ -32,12 +34,12 @@ from analyze.importing.windows import (
 )
 from analyze.pipeline.read_evidence import placed_markers
 from analyze.progress import Progress, no_progress
-from analyze.reading.object_file import read_object_files
+from analyze.reading.object_file import ObjectFiles, read_object_files
 from analyze.sources.open_source import open_source
 from analyze.sources.source import Frames, FrameSource
 from analyze.sources.video import VideoSource
 from analyze.tracking.camera_model import camera_from_spec
-from schemas.document import read_text
+from schemas.document import canonical_json, read_text
 from schemas.output_file import OutputError
 from schemas.strike_plan import StrikePlan, parse_strike_plan
 
@@ -48,7 +50,8 @@ PROGRESS_EVERY_FRAMES = 50
 def prepare(options: ImportOptions, progress: Progress = no_progress) -> PreparedImport:
     """Search the sources for strikes, and assign parts of them to the planned strikes.
 
-    If the camera file has no pose, the camera's pose is estimated from the resting object.
+    If the camera file has no pose, the camera's pose is estimated from the resting object. Without a plan the
+    strikes are those that the images show, and the plan is that of what was struck.
 
     Args:
         options: files, and the assignment of sources to planned strikes.
@@ -66,22 +69,21 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
         TrackingError: the images for the camera's pose show another object, or one of its markers twice.
     """
     files, object_text = read_object_files(options.object_path), read_text(options.object_path)
-    plan_text = read_text(options.plan_path)
-    plan = parse_strike_plan(plan_text, str(options.plan_path))
-    if plan.object_sha256 != files.sha256:
+    struck = None if options.plan_path is None else _read_plan(options.plan_path, files)
+    if struck is None and options.whole:
         raise ImportRefused(
-            f"{options.plan_path}: made for another object than {files.spec.name!r}: repeat `analyze plan` "
-            "for this one"
+            "without a plan (--plan) strikes are recognised by their begin: leave out --whole, so that it is "
+            "searched for"
         )
     given = None if options.camera_path is None else read_camera(options.camera_path)
-    planned = [strike.id for strike in plan.strikes]
     with ExitStack() as stack:
         sources = tuple(map(open_source, options.sources, options.source_options()))
         camera = given or camera_of(sources)
         for source in sources:
             _refuse_other_camera(source, camera)
         _refuse_full(options.aside, storable_videos(sources) or ())
-        splits = len(sources) == 1 and not options.whole and len(options.strikes) != 1 and len(planned) > 1
+        splits = len(sources) == 1 and not options.whole and len(options.strikes) != 1
+        splits = splits and (struck is None or len(struck.plan.strikes) > 1)
         spools = _spools(options, sources, stack)
         images: tuple[Frames, ...] = tuple(
             spool or source for spool, source in zip(spools, sources, strict=True)
@@ -89,7 +91,7 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
         if options.whole:
             clips = tuple(Clip(path) for path in options.sources)
         else:
-            directions = frozenset(math.cos(strike.heading_rad) > 0 for strike in plan.strikes)
+            directions = _directions(None if struck is None else struck.plan)
             names = [marker.name for marker in files.spec.marker]
             clips = tuple(
                 _search(*each, names, splits, directions, progress)
@@ -98,14 +100,27 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
         tips, markers = found_tips(clips, splits), placed_markers(files.spec)
         seen = see_tips(markers, camera, images, clips, tips, progress)
         views = [view_by_placed_tag(each, markers) for each in seen.tags]
-        ids, assignment = assigned_ids(options, plan, files, camera, clips, tips, seen.tags, splits)
+        found: FoundStrikes | None = None
+        if struck is None:
+            found = find_strikes(options, files, camera, clips, tips, seen.tags)
+            struck, ids, assignment = (
+                _Struck(found.plan, canonical_json(found.plan) + "\n"),
+                list(found.ids),
+                Assignment.IMAGES,
+            )
+        else:
+            ids, assignment = assigned_ids(
+                options, struck.plan, files, camera, clips, tips, seen.tags, splits
+            )
         windows = strike_windows(clips, tips, ids)
         if not windows:
             raise ImportRefused("every source is left out: nothing remains to import")
         if not camera.placed and not options.whole and all(window.onset is None for window in windows):
             clip = clips[windows[0].clip]
             raise ImportRefused(f"{clip.path}: no strike is found in it: {clip.why_no_strike}")
-        place = None if camera.placed else _estimate_camera_pose(plan, camera, views, windows)
+        place = None if found is None else found.place
+        if found is None and not camera.placed:
+            place = _estimate_camera_pose(struck.plan, camera, views, windows)
         calibration = camera.calibration
         if place is not None:
             calibration = calibration.model_copy(update={"T_world_camera": place.T_world_camera.tolist()})
@@ -113,8 +128,8 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
             options,
             files,
             object_text,
-            plan,
-            plan_text,
+            struck.plan,
+            struck.text,
             camera,
             sources,
             images,
@@ -125,9 +140,43 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
             seen.remarks,
             sources[0].rate_hz,
             calibration,
+            None if found is None else found.strikes,
             place,
             stack.pop_all(),
         )
+
+
+@dataclass(frozen=True)
+class _Struck:
+    """Plan of the strikes that the sources show, with its text, which is attached to the recording."""
+
+    plan: StrikePlan
+    """the plan that was struck, or what was found to be struck"""
+    text: str
+    """content of the plan's file"""
+
+
+def _read_plan(path: Path, files: ObjectFiles) -> _Struck:
+    """Read the plan that was struck.
+
+    Raises:
+        ImportRefused: the plan is of another object.
+        DocumentError: the file cannot be used.
+    """
+    text = read_text(path)
+    plan = parse_strike_plan(text, str(path))
+    if plan.object_sha256 != files.sha256:
+        raise ImportRefused(
+            f"{path}: made for another object than {files.spec.name!r}: repeat `analyze plan` for this one"
+        )
+    return _Struck(plan, text)
+
+
+def _directions(plan: StrikePlan | None) -> frozenset[bool]:
+    """Directions in which strikes turn a marker in the image, True for clockwise; both without a plan."""
+    if plan is None:
+        return frozenset((True, False))
+    return frozenset(math.cos(strike.heading_rad) > 0 for strike in plan.strikes)
 
 
 def _refuse_full(folder: Path | None, kept: Sequence[VideoSource]) -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from analyze.cameras.camera_file import CameraFile
 from analyze.importing.camera_pose import EstimatedCameraPose
+from analyze.importing.found_strikes import FoundStrike
 from analyze.importing.options import ImportOptions
 from analyze.importing.windows import Clip, StrikeWindow
 from analyze.reading.annex_b import VideoFormat
@@ -47,9 +48,9 @@ class PreparedImport:
     object_text: str
     """content of the object file"""
     plan: StrikePlan
-    """strike plan, made for this object"""
+    """strike plan, made for this object; without one, what was found to be struck"""
     plan_text: str
-    """content of the plan's file"""
+    """content of the plan's file, or the text of what was found to be struck"""
     camera: CameraFile
     """lens and, if the file has it, pose of the camera"""
     sources: tuple[FrameSource, ...]
@@ -70,6 +71,8 @@ class PreparedImport:
     """frame rate of the first source as captured [Hz]"""
     calibration: CameraCalibrationSpec
     """lens and pose of the camera as the recording states them"""
+    found: tuple[FoundStrike, ...] | None
+    """strikes that were found without a plan, in the order of the windows; None if there was a plan"""
     place: EstimatedCameraPose | None
     """camera pose estimated from the resting object; None if the camera file states the pose"""
     _open: ExitStack

@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING
 import click
 from rich.table import Table
 
+from analyze.planning.edge_names import edge_names
+from analyze.tags.side_names import side_name
 from schemas.terminal import Terminal
 from schemas.wording import counted
 
 if TYPE_CHECKING:
+    from analyze.importing.edge_matches import EdgeFit
     from analyze.importing.prepared_import import PreparedImport
     from analyze.importing.windows import Clip, StrikeWindow
     from analyze.importing.write_recording import Written
@@ -26,6 +29,26 @@ def render_import(prepared: PreparedImport) -> list[str]:
     Returns:
         The remarks that were printed.
     """
+    Terminal().print(_found_table(prepared) if prepared.found is not None else _table(prepared))
+    click.echo(f"strikes assigned {prepared.assignment.value}{_missing(prepared)}")
+    click.echo(f"{prepared.rate_hz:.6g} frames per second; {prepared.formats}")
+    if prepared.place is not None:
+        degrees, millimetres = math.degrees(prepared.place.deviation_rad), 1000 * prepared.place.deviation_m
+        scatter = f"{degrees:.2f} deg and {millimetres:.1f} mm"
+        if prepared.found is not None:
+            scatter = f"{degrees:.2f} deg of the vertical and {millimetres:.1f} mm of the height"
+        views = prepared.place.views
+        checked = (
+            "1 strike, without a check by others"
+            if views == 1
+            else f"{counted(views, 'strike')}, which agree within {scatter} (rms)"
+        )
+        click.echo(f"the camera's pose comes from the object at rest in {checked}")
+    return _remark(prepared.remarks())
+
+
+def _table(prepared: PreparedImport) -> Table:
+    """Table of planned strikes: source, tags at rest, times of the window and of the first motion [s]."""
     table = Table(box=None, pad_edge=False, header_style="bold")
     for name in ("strike", "source", "tags at rest"):
         table.add_column(name, overflow="fold")
@@ -42,20 +65,44 @@ def render_import(prepared: PreparedImport) -> list[str]:
         table.add_row(
             window.strike_id, clip.path.name, seen, start, moves, end, _note(prepared, clip, window)
         )
-    Terminal().print(table)
-    click.echo(f"strikes assigned {prepared.assignment.value}{_missing(prepared)}")
-    click.echo(f"{prepared.rate_hz:.6g} frames per second; {prepared.formats}")
-    if prepared.place is not None:
-        degrees, millimetres = math.degrees(prepared.place.deviation_rad), 1000 * prepared.place.deviation_m
-        scatter = f"{degrees:.2f} deg and {millimetres:.1f} mm"
-        views = prepared.place.views
-        checked = (
-            "1 strike, without a check by others"
-            if views == 1
-            else f"{counted(views, 'strike')}, which agree within {scatter} (rms)"
+    return table
+
+
+def _found_table(prepared: PreparedImport) -> Table:
+    """Table of strikes that nobody planned: source, time [s], face, heading, edge, and how sure they are.
+
+    The differences are those between what is seen and the edge: of the one that was found, and of the one
+    that comes next.
+    """
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for name in ("strike", "source"):
+        table.add_column(name, overflow="fold")
+    table.add_column("moves at s", justify="right")
+    table.add_column("rests on", overflow="fold")
+    table.add_column("heading", justify="right")
+    for name in ("tips over", "differs by", "next best"):
+        table.add_column(name, overflow="fold")
+    names, spec = edge_names(prepared.plan.strikes), prepared.object.spec
+    for window, strike in zip(prepared.windows, prepared.found or (), strict=True):
+        best, following = strike.match.best, strike.match.following
+        axis = best.tip.axis
+        onset = window.onset
+        table.add_row(
+            strike.strike_id,
+            prepared.clips[window.clip].path.name,
+            "" if onset is None else f"{onset.time_ns * 1e-9:.2f}",
+            side_name(spec, -axis.plane.up).removeprefix("the "),
+            f"{round(math.degrees(strike.heading))}°",
+            f"{names[axis.id]} ({axis.id})",
+            _difference(best),
+            "" if following is None else f"{_difference(following)} ({following.tip.axis.id})",
         )
-        click.echo(f"the camera's pose comes from the object at rest in {checked}")
-    return _remark(prepared.remarks())
+    return table
+
+
+def _difference(fit: EdgeFit) -> str:
+    """Larger one of the angles between what is seen and an edge with its face, and distance: "0.3° 1 mm"."""
+    return f"{math.degrees(max(fit.angle, fit.lean)):.1f}° {1000 * fit.offset:.0f} mm"
 
 
 def _missing(prepared: PreparedImport) -> str:

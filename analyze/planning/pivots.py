@@ -179,11 +179,28 @@ def pivot_axes(
             if min(along) < 0 < max(along):
                 axes.append(_axis(f"{plane.id}e{i}", model, spec, plane, out[i], (start[i], end[i]), beside))
         tips = rim_headings(plane, rim, spec, beside) if rim.any() else []
-        for number, tip in enumerate(tips):
-            contact = plane.polygon[int(np.argmax(plane.polygon @ tip))]
-            name = f"{plane.id}t{number}"
-            axes.append(_axis(name, model, spec, plane, tip, (contact, contact), beside, rolls=True))
+        axes += [
+            rim_tangent(f"{plane.id}t{number}", model, spec, plane, tip, beside)
+            for number, tip in enumerate(tips)
+        ]
     return axes
+
+
+def rim_tangent(
+    name: str, model: ObjectModel, spec: ObjectSpec, plane: RestingPlane, tip: Array, beside: Array
+) -> PivotAxis:
+    """Pivot axis at the tangent of a round rim over which the object tips in a given direction.
+
+    Args:
+        name: Id of the axis.
+        model: Shape of the object.
+        spec: Object file, with the edges' radii if they are known.
+        plane: Face that the object rests on, whose outline has the rim.
+        tip: (3,) unit direction of the tip, in the face's plane, in the object frame.
+        beside: (3,) expected centre of mass [m], in the object frame; the axis's point lies beside it.
+    """
+    contact = plane.polygon[int(np.argmax(plane.polygon @ tip))]
+    return _axis(name, model, spec, plane, tip, (contact, contact), beside, rolls=True)
 
 
 def swing(axis: PivotAxis, com: Array, mass: float, unit_inertia: Array, gravity: float) -> Swing:

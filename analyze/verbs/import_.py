@@ -25,14 +25,16 @@ class _ImportArguments:
     """videos, folders of images, MCAP files or ROS 2 bags"""
     object_path: Path
     """object file (TOML)"""
-    plan_path: Path
-    """strike plan that was carried out (JSON)"""
+    plan_path: Path | None
+    """strike plan that was carried out (JSON); None for strikes that nobody planned"""
     camera_path: Path | None
     """file with the lens; None for the calibration in the source"""
     output: Path | None
     """recording to write (.mcap); None only with `dry_run`"""
     strikes: tuple[str, ...]
     """ids of the planned strikes that the sources show; empty for files' names and images"""
+    edges: tuple[str, ...]
+    """edges that the user states for strikes without a plan"""
     capture_fps: float | None
     """frame rate of the capture [Hz]; None for the rate that the file states"""
     capture_fps_sd: float | None
@@ -45,7 +47,7 @@ class _ImportArguments:
     whole: bool
     """True to take each source as one strike"""
     yes: bool
-    """True to write without confirmation where a source was split into strikes"""
+    """True to write without confirmation where a source was split into strikes, or nobody planned them"""
     force: bool
     """True to replace the recording if it exists"""
     dry_run: bool
@@ -55,7 +57,12 @@ class _ImportArguments:
 @click.command("import")
 @click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @path_option("--object", "object_path", required=True, help="The object file (TOML).")
-@path_option("--plan", "plan_path", required=True, help="The plan that was struck, made by `analyze plan`.")
+@path_option(
+    "--plan",
+    "plan_path",
+    help="The plan that was struck, made by `analyze plan`.  [default: nobody planned the strikes; their "
+    "faces and edges are found in the images, and you are asked whether they are right]",
+)
 @path_option(
     "--camera",
     "camera_path",
@@ -71,6 +78,14 @@ class _ImportArguments:
     metavar="ID",
     help="Planned strike that a source shows, once per source; with a single source, once per strike in it; "
     "- leaves one out, auto lets the images show it.  [default: as the files are named, else auto]",
+)
+@click.option(
+    "--edge",
+    "edges",
+    multiple=True,
+    metavar="ID=EDGE",
+    help="Without a plan: edge over which the object tips in a strike, by the sides that meet in it "
+    "(s1=+x,bottom) or by its id (s1=p0e1).  [default: as the images show it]",
 )
 @click.option(
     "--capture-fps",
@@ -101,7 +116,9 @@ class _ImportArguments:
     "--whole", is_flag=True, help="Take each source as one strike, from its first to its last image."
 )
 @click.option(
-    "--yes", is_flag=True, help="Write without confirmation where one source was split into strikes."
+    "--yes",
+    is_flag=True,
+    help="Write without confirmation where one source was split into strikes, or nobody planned them.",
 )
 @click.option("--dry-run", is_flag=True, help="Show which part would become which strike, and write nothing.")
 @one_line
@@ -124,7 +141,7 @@ def import_(arguments: _ImportArguments) -> None:
         shown = render_import(prepared)
         if arguments.dry_run or arguments.output is None:
             return
-        if prepared.was_split and not arguments.yes:
+        if (prepared.was_split or prepared.found is not None) and not arguments.yes:
             _confirm_strikes()
         with ProgressBar() as progress:
             written = write_recording(prepared, arguments.output, progress, replace=arguments.force)
@@ -147,6 +164,8 @@ def _import_options(arguments: _ImportArguments) -> ImportOptions:
         raise click.UsageError(
             "no output is named: give the recording to write with -o FILE.mcap, or --dry-run"
         )
+    if arguments.edges and arguments.plan_path is not None:
+        raise click.UsageError("--edge states edges of strikes without a plan: leave out --edge, or --plan")
     inputs = [*arguments.sources, *arguments.times, arguments.object_path, arguments.plan_path, camera]
     refuse_outputs([output], inputs=inputs, force=arguments.force)
     if output is not None:
@@ -162,6 +181,7 @@ def _import_options(arguments: _ImportArguments) -> ImportOptions:
         arguments.capture_fps_sd,
         None if output is None or arguments.dry_run else output.parent,
         arguments.times,
+        arguments.edges,
     )
 
 
