@@ -154,6 +154,7 @@ def labelled(evidence, thickness=WALL, **given):
     )
 
 
+@pytest.mark.usefixtures("coarse_regions_here")
 def test_result_of_a_session_has_the_filling_and_its_assumptions():
     evidence = session(carton(), np.random.default_rng(3))
     result = answer_evidence(labelled(evidence, None, along=[0.0, 0.0, -1.0])).result

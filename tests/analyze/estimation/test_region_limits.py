@@ -198,10 +198,16 @@ def test_evidence_of_a_thickness_hardly_depends_on_the_seed():
     assert np.std(found) < 1.5
 
 
-def test_a_thickness_that_no_filling_fits_does_not_open_the_limits():
-    """One such thickness of five once gave every region the limits 0 and the whole mass."""
+@pytest.fixture(scope="module")
+def with_lump() -> tuple[HollowBox, MassDistribution]:
+    """Box with a lump, and its region masses; one of the thicknesses has no filling."""
     body = hollow_box(11, lumps=1)
-    found = distribution_of(body, body.measured(np.random.default_rng(0), 1e-4, 0.004))
+    return body, distribution_of(body, body.measured(np.random.default_rng(0), 1e-4, 0.004))
+
+
+def test_a_thickness_that_no_filling_fits_does_not_open_the_limits(with_lump):
+    """One such thickness of five once gave every region the limits 0 and the whole mass."""
+    body, found = with_lump
     truth = body.region_masses(found.dividing_plane_normal, found.dividing_plane_offset)
     assert np.all((found.limits[:, 0] <= truth) & (truth <= found.limits[:, 1]))
     # 0.86 to 0.94 by processor: the likeliest plane lies on cell centres, whose sides rounding decides.
@@ -258,10 +264,9 @@ def test_intervals_hold_for_a_body_with_a_lump():
     assert np.median(widths) < 0.4
 
 
-def test_a_lump_leaves_the_thickness_of_the_wall_open():
+def test_a_lump_leaves_the_thickness_of_the_wall_open(with_lump):
     """Before, it was estimated from parts on either side of a plane, which the moments refute."""
-    body = hollow_box(0, lumps=1)
-    found = distribution_of(body, body.measured(np.random.default_rng(0), 1e-4, 0.004))
+    _, found = with_lump
     assert not found.two_parts_explain
     assert found.lump_explains
     assert found.shell is not None

@@ -85,6 +85,7 @@ def test_json_is_a_valid_result(estimate):
     assert sum(strike["information_share"] for strike in data["strikes"]) == pytest.approx(1)
 
 
+@pytest.mark.usefixtures("coarse_regions_here")
 def test_excluded_strike_is_not_used_and_gives_a_warning(evidence):
     name = evidence.motions[0].strike_id
     found = answer_evidence(evidence, EstimateOptions(exclude=frozenset({name})))
@@ -94,6 +95,7 @@ def test_excluded_strike_is_not_used_and_gives_a_warning(evidence):
     assert len(found.estimate.planes) == len(evidence.motions) - 1
 
 
+@pytest.mark.usefixtures("coarse_regions_here")
 def test_unusable_strike_is_listed_with_its_reason(evidence):
     lost = TipMotion(
         evidence.motions[2].strike_id,
@@ -111,6 +113,7 @@ def test_unusable_strike_is_listed_with_its_reason(evidence):
     assert not found.result.strikes[2].used
 
 
+@pytest.mark.usefixtures("coarse_regions_here")
 def test_warning_names_planned_strikes_that_were_not_made(evidence, estimate):
     assert WarningCode.RECORDING_INCOMPLETE not in codes(estimate)
     found = answer_evidence(replace(evidence, motions=evidence.motions[:-2]))
@@ -159,6 +162,7 @@ def test_too_few_strikes_message_separates_excluded_and_unusable_strikes(evidenc
         answer_evidence(replace(evidence, motions=evidence.motions[:2]))
 
 
+@pytest.mark.usefixtures("coarse_regions_here")
 def test_parallel_axes_give_a_result_with_the_unobserved_direction(evidence):
     along_y = tuple(motion for motion in evidence.motions if motion.strike_id.startswith(("z-/x", "x-/z")))
     found = answer_evidence(replace(evidence, motions=along_y))
@@ -168,6 +172,7 @@ def test_parallel_axes_give_a_result_with_the_unobserved_direction(evidence):
     assert WarningCode.DIRECTION_UNOBSERVED in codes(found)
 
 
+@pytest.mark.usefixtures("coarse_regions_here")
 def test_result_holds_the_papers_estimates(estimate):
     assert estimate.result.centre_of_mass_paper is not None
     assert estimate.result.strikes[0].alternatives[0].estimator == "sign_change"
@@ -184,6 +189,7 @@ def test_true_phi_and_i_edge_are_about_the_roundings_centre_line(evidence):
     assert truth.i_edge == pytest.approx(BODY.mass * 9.81 * truth.distance / k, rel=1e-9)
 
 
+@pytest.mark.usefixtures("coarse_regions_here")
 def test_verdict_names_trusted_quantities_and_strikes_to_repeat(evidence, estimate):
     words = estimate.result.verdict
     assert words[0].startswith("trust the centre of mass, to ")
@@ -284,6 +290,7 @@ def _rolling_texts(evidence, options=None):
     return [warning.text for warning in found.result.warnings if warning.code is WarningCode.ROLLING_CONTACT]
 
 
+@pytest.mark.usefixtures("coarse_regions_here")
 def test_rolling_contact_warnings_only_where_they_apply(evidence):
     assert not _rolling_texts(evidence)
     axis = evidence.plan.strikes[0].axis_id
