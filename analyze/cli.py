@@ -24,6 +24,7 @@ from analyze.verbs.parts import parts
 from analyze.verbs.plan.command import plan
 from analyze.verbs.print_tags import print_tags
 from analyze.verbs.query import query
+from analyze.verbs.rebase.command import rebase
 from analyze.verbs.register.command import register
 from analyze.verbs.replay import replay
 from analyze.verbs.report import report
@@ -60,6 +61,7 @@ for _verb in (
     frame_rate,
     import_,
     register,
+    rebase,
     gravity,
     parts,
     export,

@@ -131,12 +131,33 @@ class ManifestCamera(SparseDocument):
     calibration: CameraCalibrationSpec
 
 
-class SessionManifest(Document):
+class RebaseEntry(Document):
+    """Change of a recording's object file after the strikes, with hashes of what it replaced.
+
+    The messages, images among them, are unchanged: the copy has the original's `content_id`. What was
+    replaced is attached as `rebase-<number>/<name>`, from 1.
+    """
+
+    manifest_sha256: str
+    """SHA-256 of the original file's manifest, as in its seal"""
+    content_id: str | None
+    """hash of the original file's messages; null if it has no seal"""
+    object_sha256: str
+    """hash of the original's object specification and shape file"""
+    plan_sha256: str
+    """SHA-256 of the original's strike plan"""
+    software: str = Field(description="percuss version and git commit that made the change")
+    changed: list[str] = Field(description="entries of the object file that differ")
+
+
+class SessionManifest(SparseDocument):
     """Head of every recording (MCAP metadata `percuss.manifest`): description of how it was made.
 
     It holds identity and clocks of the recording, gravity, the cameras, the striker, the rig, the object, and
     the hash of the plan, which is an attachment.
     """
+
+    left_out: ClassVar[tuple[str, ...]] = ("rebased",)
 
     schema_version: str = SCHEMA_VERSION
     recording_id: str
@@ -168,6 +189,10 @@ class SessionManifest(Document):
     random_seed: int | None = None
     """seed of the recording's random numbers; null if none is stated"""
     part: int = Field(default=1, ge=1, description="number of this file in the recording's series of files")
+    rebased: list[RebaseEntry] | None = Field(
+        default=None,
+        description="changes of the object file after the strikes, the latest last; not written if none",
+    )
 
 
 MANIFEST_NAME = "percuss.manifest"

@@ -91,7 +91,7 @@ def analyse(request: Request, scratch: Path) -> Outcome:
             local = nullcontext(Path(source.url)) if source.is_local else None
             with local or sparse_copies(source, scratch, whole=request.verify) as path:
                 head = read_head(path)
-                files, key = list(head.files), key_of(head.content_id, request.settings)
+                files, key = list(head.files), key_of(head, request.settings)
                 if request.verify:
                     refuse_changed_content(path)
                 if (output / ROWS / f"{key}.parquet").exists():

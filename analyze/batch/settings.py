@@ -9,6 +9,7 @@ from pathlib import Path
 
 from analyze.cache.code_version import analysis_version
 from analyze.errors import ArchiveError
+from analyze.pipeline.evidence import RecordingHead
 
 
 @dataclass(frozen=True)
@@ -63,11 +64,17 @@ def _sha256_of(path: Path) -> str:
     return hashlib.sha256(path.read_bytes() + (files.shape_bytes or b"")).hexdigest()
 
 
-def key_of(content_id: str, settings: BatchSettings) -> str:
+def key_of(head: RecordingHead, settings: BatchSettings) -> str:
     """Key of a result: hash (32 hexadecimal digits) of recording content, analysis version and settings.
 
+    A copy of a recording with another object file (`analyze rebase`) has the same messages, and a key of its
+    own.
+
     Args:
-        content_id: hash of the recording's content.
+        head: identity of the recording.
         settings: settings of the analysis.
     """
-    return hashlib.sha256(f"{content_id}\n{analysis_version()}\n{settings.digest}".encode()).hexdigest()[:32]
+    content = head.content_id
+    if head.manifest.rebased:
+        content += f"\n{head.manifest.object_sha256}"
+    return hashlib.sha256(f"{content}\n{analysis_version()}\n{settings.digest}".encode()).hexdigest()[:32]

@@ -336,7 +336,12 @@ def _strike(
     if manifest.time_source is not TimeSource.CONTAINER_PTS:
         return motion, report
     rate_ratio = slow_motion_ratio(
-        motion, report.tracks, markers, camera, task, _rough_k(struck, planned, manifest.g_m_s2)
+        motion,
+        report.tracks,
+        markers,
+        camera,
+        task,
+        _rough_k(struck.model, recording.object_spec, planned, manifest.g_m_s2),
     )
     if rate_ratio is None:
         return motion, report
@@ -345,12 +350,13 @@ def _strike(
     return replace(motion, fit=None, alternatives=(), **changes), report
 
 
-def _rough_k(struck: StruckObject, planned: PlannedStrike, gravity: float) -> float:
+def _rough_k(model: ObjectModel, spec: ObjectSpec, planned: PlannedStrike, gravity: float) -> float:
     """Rough value of the rate constant k = m g R / I_edge [rad/s²] of a strike's motion, before any fit.
 
-    m is the object's mass, g = `gravity` [m/s²], I_edge the moment about the edge as planned, R the distance
-    of the shape's centroid, taken as centre of mass, from the pivot axis.
+    m is the mass of the object file `spec` that the plan was made for, g = `gravity` [m/s²], I_edge the
+    moment about the edge as planned, R the distance of the shape's centroid, taken as centre of mass, from
+    the pivot axis.
     """
-    arm = struck.model.centroid - np.array(planned.pivot.point)
+    arm = model.centroid - np.array(planned.pivot.point)
     R = float(np.linalg.norm(np.cross(arm, planned.pivot.direction)))
-    return struck.spec.mass_kg * gravity * R / planned.i_edge_predicted_kg_m2
+    return with_marker_masses(spec).mass_kg * gravity * R / planned.i_edge_predicted_kg_m2

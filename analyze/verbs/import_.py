@@ -104,7 +104,7 @@ class _ImportArguments:
     multiple=True,
     metavar="CSV",
     help="Times of the images of a folder (columns name,time_s) or of a video's frames (time_s, time_ms, "
-    "timestamp_ns ..., a row per frame), once per source; - for the video's own.  [default: the CSV in the "
+    "timestamp_ns, a row per frame), once per source; - for the video's own.  [default: the CSV in the "
     "folder; the one beside the video with its name]",
 )
 @click.option(

@@ -104,6 +104,7 @@ def _describe(recording: Recording, general: dict[str, Any], *, complete: bool) 
             "mass_kg": manifest.object.mass_kg,
             "markers": [marker.name for marker in manifest.object.marker],
         },
+        "rebased": [entry.model_dump(mode="json") for entry in manifest.rebased or []],
         "messages": sum(topic["count"] for topic in found),
         **time_span(found),
         "topics": found,

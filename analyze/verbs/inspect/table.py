@@ -100,6 +100,11 @@ def _write_session(found: dict[str, Any], write: Any) -> None:
         f"object {found['object']['name']} ({found['object']['mass_kg'] * 1000:.1f} g), recorded "
         f"{found['created']} by {found['software']}, schema {found['schema_version']}"
     )
+    for number, entry in enumerate(found["rebased"], 1):
+        changed = ", ".join(entry["changed"]) or "nothing"
+        write(
+            f"rebased by {entry['software']}: {changed}; the earlier files are attached as rebase-{number}/"
+        )
 
 
 def _written(found: dict[str, Any]) -> str:

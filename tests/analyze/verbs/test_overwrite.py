@@ -32,13 +32,14 @@ WRITERS = {
     ("calibrate", "-o"): ["calibrate", "a.png"],
     ("calibrate", "--picture"): ["calibrate", "a.png"],
     ("register", "-o"): ["register", SAMPLE],
+    ("rebase", "-o"): ["rebase", SAMPLE, "--object", "o.toml"],
     ("import", "-o"): ["import", "a.mp4", "--object", "o.toml", "--plan", "p.json"],
     ("query", "--save"): ["query", "select 1"],
     ("batch", "--save"): ["batch", "--summary"],
     ("reproduce cube-tosses", "--plot"): ["reproduce", "cube-tosses"],
 }
 """a command line for each option that names a file to write, without that option"""
-FORCED = {"calibrate", "fixture", "register", "import"}
+FORCED = {"calibrate", "fixture", "register", "rebase", "import"}
 """verbs with --force"""
 READ = {"--object", "--rig", "--camera", "--given", "--table", "--times", "--plan", "--data"}
 FOLDERS = {"--out", "--csv"}
