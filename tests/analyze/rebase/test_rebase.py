@@ -17,6 +17,7 @@ from analyze.reading.recording import open_recording
 from analyze.reading.truth import read_truth
 from analyze.reading.verify import refuse_changed_content
 from schemas.object_spec import object_sha256, read_object_spec
+from tests.analyze.split_recording import split_recording
 from tests.places import FIRST_SAMPLE
 
 SIZES = "[0.08, 0.06, 0.15]"
@@ -68,6 +69,19 @@ def test_messages_and_truth_are_copied_unchanged_and_the_source_is_not_touched(h
     assert read_truth(heavier).body == read_truth(FIRST_SAMPLE).body
     assert FIRST_SAMPLE.read_bytes() == before
     assert not list(heavier.parent.glob(".*"))
+
+
+def test_all_files_of_a_series_are_copied(tmp_path):
+    with open_recording(FIRST_SAMPLE) as recording:
+        strike = recording.strikes[1]
+    (tmp_path / "series").mkdir()
+    parts = split_recording(FIRST_SAMPLE, tmp_path / "series" / "a.mcap", strike.window_end_ns + 1)
+    copy = _rebased(tmp_path, ("mass_kg = 0.044", "mass_kg = 0.05"), source=parts[1])
+    with open_recording(copy) as recording:
+        assert [part.path.name for part in recording.parts] == ["o.mcap", "o-0002.mcap"]
+        assert len(recording.strikes) == 4
+        assert struck_object(recording).spec.mass_kg == 0.05
+    assert _messages(copy) == _messages(parts[0])
 
 
 def test_provenance_names_the_original_and_keeps_its_files(heavier):
