@@ -36,7 +36,7 @@ RELATIVE_STEP = 1e-5
 
 @dataclass(frozen=True)
 class FixtureShare:
-    """Part of the object's errors that one cause brings in: of centre of mass and of the tensor."""
+    """Errors of the object's centre of mass and tensor from one cause alone."""
 
     cause: str
     """Cause in words."""
@@ -271,7 +271,7 @@ def _moved_pair(
 
 
 def _about_edge(held: HeldObject, point: Array, direction: Array) -> tuple[float, float]:
-    """Moment of inertia of a fixture about a line, with 1 sigma [kg m^2].
+    """Moment of inertia of a fixture about a line and its 1 sigma [kg m^2].
 
     Args:
         held: Object in its fixture.

@@ -58,12 +58,12 @@ class HeldObject:
         return sum(body.mass for body in self.fixture)
 
     def com_struck(self, com: Array) -> Array:
-        """Centre of mass (3,) [m] of object and fixture for that of the object alone, `com` (3,) [m]."""
+        """Centre of mass (3,) [m] of object and fixture in O, from that of the object alone, `com` (3,)."""
         first = self.mass * com + sum(body.mass * body.com for body in self.fixture)
         return np.asarray(first / (self.mass + self.fixture_mass), dtype=np.float64)
 
     def com_alone(self, com: Array) -> Array:
-        """Centre of mass (3,) [m] of the object alone for that of object and fixture, `com` (3,) [m]."""
+        """Centre of mass (3,) [m] of the object alone in O, from that of object and fixture, `com` (3,)."""
         first = (self.mass + self.fixture_mass) * com - sum(body.mass * body.com for body in self.fixture)
         return np.asarray(first / self.mass, dtype=np.float64)
 
@@ -82,7 +82,7 @@ class HeldObject:
 
 
 def point_inertia(place: Array) -> Array:
-    """Inertia per kilogram (3, 3) [m^2] of a point mass at `place` (3,) [m], about the origin."""
+    """Inertia per kilogram (3, 3) [m^2] about the origin of a point mass at `place` (3,) [m]."""
     return float(place @ place) * np.eye(3) - np.outer(place, place)
 
 
@@ -99,7 +99,10 @@ def held_object(centroid: Array, fixture: tuple[KnownBody, ...], spec: ObjectSpe
         ShapeError: the object file does not state these errors.
     """
     if spec.held is None:
-        raise ShapeError(f"{spec.name}: [held] is missing: how closely the object sits in its fixture")
+        raise ShapeError(
+            f"{spec.name}: [held] is missing: state place_sd_m and turn_sd_rad, the "
+            "errors of the object's place and rotation in its fixture"
+        )
     about = centroid if spec.held.about_m is None else np.array(spec.held.about_m)
     mass = spec.mass_kg - sum(body.mass for body in fixture)
     turn_sd = np.broadcast_to(np.array(spec.held.turn_sd_rad, dtype=np.float64), 3)

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FixtureEstimate:
-    """Body that was struck, object and fixture together, and what subtracting the fixture adds to errors."""
+    """Body that was struck, object and fixture together, and the errors of the object alone by cause."""
 
     held: HeldObject
-    """object and fixture, as the object file states them"""
+    """bodies of the fixture, mass of the object and errors of its place, as the object file states them"""
     struck: InertialParameters
     """mass, centre of mass and moments of both together, in the object frame O"""
     shares: tuple[FixtureShare, ...]
@@ -34,14 +34,15 @@ class FixtureEstimate:
 def object_alone(
     struck: InertialParameters, model: ObjectModel
 ) -> tuple[InertialParameters, FixtureEstimate | None]:
-    """Inertial parameters of the object without its fixture, and how they were found.
+    """Inertial parameters of the object without its fixture, with the struck body and errors by cause.
 
     Args:
         struck: parameters of the body that tipped, without its markers.
         model: its exterior, with the fixture if it has one.
 
     Returns:
-        Parameters in the object frame O, `struck` itself and None if there is no fixture.
+        Parameters in the object frame O, and the estimate of the fixture; `struck` itself and None if there
+        is no fixture.
     """
     held = model.held
     if held is None:
@@ -55,7 +56,7 @@ def paper_alone(
 ) -> PaperEstimate:
     """The paper's estimate for the object alone: without its markers, and without its fixture.
 
-    Its region masses are those of one body; they are left out where the object is held in a fixture.
+    Its region masses divide one body, and are left out where the object is held in a fixture.
 
     Args:
         paper: estimate by the paper's method for the body that tipped.
@@ -75,9 +76,10 @@ def alternatives_alone(
     fixture: FixtureEstimate | None,
     inertial: InertialParameters,
 ) -> tuple[Alternative, ...]:
-    """What-ifs of the struck body as they change centre of mass and moments of the object alone.
+    """What-ifs (other assumptions) with the changes they bring for the object alone, not the struck body.
 
-    Its centre moves by more, as the object weighs less; its moments change by the same amount, of less.
+    Shifts of the centre of mass are multiplied by the mass of the struck body over that of the object, and
+    relative changes of the moments by the trace of its tensor over that of the object's.
 
     Args:
         found: what-ifs of the body that tipped.

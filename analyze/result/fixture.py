@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from schemas.result import Result
 
 SHOWN_SHARE = 0.02
-"""share of the variance of the centre of mass below which a cause is not listed"""
+"""share of the variance of the centre of mass up to which a cause is not listed"""
 
 
 def fixture_document(fixture: FixtureEstimate | None) -> FixtureResult | None:
-    """Entry of the Result document on the object's fixture; None if it has none."""
+    """Entry `fixture` of the Result document: fixture, struck body, errors by cause; None without fixture."""
     if fixture is None:
         return None
     struck = fixture.struck
@@ -48,7 +48,7 @@ def fixture_document(fixture: FixtureEstimate | None) -> FixtureResult | None:
 
 
 def fixture_lines(result: Result) -> list[str]:
-    """Lines on the fixture of a result: what was subtracted, and which causes make the errors.
+    """Two lines of text on a result's fixture: the masses subtracted, and the errors by cause.
 
     Half widths are those of the 95 % interval of the centre of mass (root mean square of x, y, z). Empty if
     the object has no fixture.
@@ -60,13 +60,13 @@ def fixture_lines(result: Result) -> list[str]:
     variances = [(float(np.square(each.com_sd_m).mean()), each.cause) for each in fixture.errors]
     total = sum(variance for variance, _ in variances)
     listed = ", ".join(
-        f"{1e3 * SIGMAS_95 * variance**0.5:.2g} mm by the {cause}"
+        f"{1e3 * SIGMAS_95 * variance**0.5:.2g} mm from the {cause}"
         for variance, cause in sorted(variances, reverse=True)
         if variance > SHOWN_SHARE * total
     )
     together = with_interval(fixture.struck_mass, 1e3, "g")
     half = f"{1e3 * SIGMAS_95 * total**0.5:.2g}"
     return [
-        f"Of the object alone: its fixture is subtracted ({parts}); struck together: {together}.",
+        f"Values are of the object alone: its fixture ({parts}) is subtracted from the struck {together}.",
         f"Its centre of mass is known to ± {half} mm along an axis, 95 %: {listed}.",
     ]
