@@ -21,8 +21,8 @@ FLAT_FRACTIONS = (4e-3, 8e-3, 1.2e-2)
 """Deviations of a face from its plane, over the extent, up to which it counts as flat. The flattest faces are
 taken first; the panels of cardboard boxes bulge by 1 % of their length."""
 SCAN_ERRORS, MAX_ERROR_FRACTION = (5e-4, 8e-4, 1.5e-3), 0.03
-"""Errors of a scan [m] that count as flat too: the deviations are at least these, but at most that fraction
-of the extent."""
+"""Smallest deviations [m] up to which a face counts as flat, one for each of `FLAT_FRACTIONS`; but at most
+that fraction of the extent."""
 MIN_FACE_SHARE = 0.01
 """Smallest area of a flat face, over the hull's area."""
 MAX_FACES = 24
@@ -36,7 +36,7 @@ MEMBER_COSINE = np.cos(np.radians(25.0))
 FIT_ROUNDS = 8
 """Rounds of fitting a plane to the facets near it."""
 BOUNDARY_STEPS = 72
-"""Points of a face's outline at which it is examined how the surface goes on."""
+"""Number of points of a face's outline beyond which the hull's direction is examined."""
 BOUNDARY_REACH = 0.03
 """Distance beyond a face's outline, over the extent, at which the hull must have turned away."""
 ROUNDED_REACH, ROUNDED_FRACTION = 5e-3, 0.08
@@ -57,6 +57,7 @@ class FlatFace:
     """Flat face: plane, and the facets of the hull that belong to it."""
 
     plane: FittedPlane
+    """Plane fitted to the facets, with its covariance."""
     members: IntArray
     """(m,) indices of the hull's facets."""
 
@@ -142,7 +143,7 @@ def _joined_faces(
 def _grown_face(
     corners: Array, normals: Array, area: Array, start: BoolArray, free: BoolArray, tolerance: float
 ) -> FlatFace | None:
-    """Flat face grown from a set of facets; None if its facets vanish.
+    """Flat face grown from a set of facets; None if no facet lies near the fitted plane.
 
     Args:
         corners: (f, 3, 3) corners of the hull's facets [m].

@@ -35,7 +35,7 @@ MAX_MULTIPLE_SHARE = 0.002
 MASS_PROBES = 200_000
 """Number of points from which the volume of a surface that intersects itself is computed."""
 TWO_SIDED_SHARE = 0.6
-"""Fraction of the faces left without repetitions up to which a surface has each triangle twice."""
+"""Faces without repetitions over all faces, up to which a surface counts as having each triangle twice."""
 CRACK = 1e-5
 """Distance, over the mesh's extent, up to which vertices of open edges are merged."""
 

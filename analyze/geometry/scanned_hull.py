@@ -69,7 +69,9 @@ DRAWN_SD = 1e-4
 CLIP_ROUNDS = 6
 """Rounds in which vertices outside of the flat faces are moved onto them."""
 MAX_VOLUME_CHANGE = 0.025
-"""Relative change of the hull's volume from which on its faces were no flat ones: curved bodies, as fruit."""
+"""Relative change of the hull's volume by flattening, from which on fewer faces count as flat.
+
+Curved bodies, such as fruit, change by more."""
 
 
 def scanned_hull(
@@ -78,10 +80,10 @@ def scanned_hull(
     """Convex hull of a mesh that comes from a scan, with flat faces; None for a drawing.
 
     A mesh is a drawing if many pairs of neighbouring triangles lie in one plane exactly, or if it is smooth
-    and a whole face of its hull does. A rough scan is smoothed first: its raw hull would consist of the
-    noise's extremes. The flat faces of the hull are found, and the hull's vertices near them are moved onto
+    and a whole face of its hull is exactly flat. A rough scan is smoothed first: its raw hull would consist
+    of the noise's extremes. The flat faces of the hull are found, and its vertices near them are moved onto
     them. A mesh is taken as it is if it is a drawing, if the stated error of its surface is at most
-    `DRAWN_SD`, or if it is smooth and no face of its hull is flat.
+    `DRAWN_SD`, if it has fewer than `MIN_SCAN_FACES` faces, or if it is smooth and its hull has no flat face.
 
     Args:
         vertices: (n, 3) vertices of the closed mesh [m]; the result is in their frame.
@@ -158,7 +160,7 @@ def smoothed(vertices: Array, faces: IntArray) -> Array:
 
 
 def _refitted(face: FlatFace, hull: ConvexHull, points: Array, smooth: Array) -> FittedPlane:
-    """Plane of a face, fitted to the mesh's own points within it; as it is where they are too few.
+    """Plane of a face, fitted to the mesh's own points within it; the given one where these are too few.
 
     Its covariance is that of the points' own noise, and that of the error which neighbouring points share:
     the scatter of the smoothed points, as of few independent measurements (`shared_covariance`).
@@ -187,7 +189,7 @@ def _refitted(face: FlatFace, hull: ConvexHull, points: Array, smooth: Array) ->
 
 
 def _has_exact_face(hull: ConvexHull, corners: Array, extent: float) -> bool:
-    """Whether several triangles of a mesh lie in one plane exactly, with a good part of the hull's area.
+    """True if several triangles of a mesh lie in one plane exactly, with `EXACT_SHARE` of the hull's area.
 
     Args:
         hull: Convex hull of the mesh.
@@ -205,7 +207,7 @@ def _has_exact_face(hull: ConvexHull, corners: Array, extent: float) -> bool:
 
 
 def _at_edges(vertices: Array, faces: IntArray) -> tuple[Array, BoolArray]:
-    """Sine (e,) of the angle between the two triangles at each edge, and whether they form a valley.
+    """Sine (e,) of the angle between the triangles at each of e edges, and mask (e,) of edges in a valley.
 
     Noise makes as many valleys as ridges; a smooth convex surface has ridges only. Of the triangles of a
     scan hardly any two lie in one plane; of a drawing those of every flat face and of every ruled strip do.
