@@ -21,8 +21,8 @@ MAX_BALL_SPREAD = 0.08
 MAX_ROUND_SPREAD = 0.08
 """Relative spread of the hull's widths across one direction below which the object is round about it."""
 MIN_FACE_SHARE = 0.02
-"""Fraction of all faces' area up to which a face counts as a strip of a round flank, and of the surface up to
-which an unscanned part does not explain that no face can be stood on."""
+"""Fraction of all resting planes' area up to which one counts as a strip of a round flank; and fraction of
+the surface up to which a part that was not scanned does not explain that the object stands on no face."""
 WIDTH_DIRECTIONS = 400
 """Number of directions in which widths are measured."""
 MIN_BARE_SHARE = 0.005
@@ -99,7 +99,7 @@ def _too_few_faces(prepared: PreparedObject) -> str:
 def _shape_message(prepared: PreparedObject, unseen: int) -> str:
     """Message with remedy for an object of which no edge can be used because of its shape.
 
-    The message says which it is: a ball, a round body that rolls, a scan with gaps, a body that may fall over
+    The message names the case: a ball, a round body that rolls, a scan with gaps, a body that may fall over
     on every face, or one whose faces have no edge beside the centre of mass. It is never empty.
 
     Args:
@@ -144,6 +144,7 @@ def _shape_message(prepared: PreparedObject, unseen: int) -> str:
 
 
 def _is_ball(model: ObjectModel) -> bool:
+    """True if the widths of the hull in all directions are equal within `MAX_BALL_SPREAD`."""
     widths = _widths(model, _half_sphere())
     return float(np.ptp(widths)) < MAX_BALL_SPREAD * float(widths.mean())
 

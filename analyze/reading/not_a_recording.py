@@ -22,7 +22,7 @@ _SQLITE = b"SQLite format 3\x00"
 
 
 def not_a_recording(path: Path) -> str:
-    """Sentence for the user: what an existing file or folder is that is no recording, and what to do.
+    """Message to the user on an existing file or folder that is no recording: its kind, and what to do.
 
     Videos, folders of images and bags of ROS 2 are named, with the command `analyze import`, which makes
     recordings of them.
@@ -31,7 +31,7 @@ def not_a_recording(path: Path) -> str:
         path: the file or folder; it may be unreadable.
     """
     try:
-        what = _of_folder(path) if path.is_dir() else _of_file(path)
+        what = _folder_kind(path) if path.is_dir() else _file_kind(path)
     except OSError as error:
         return f"{path}: cannot be read: {error.strerror}"
     inside = sorted(file.name for file in path.glob("*.mcap"))
@@ -44,16 +44,16 @@ def not_a_recording(path: Path) -> str:
     return f"{path}: is a folder, not a recording: {name_one or 'name an MCAP file'}"
 
 
-def _of_folder(path: Path) -> str | None:
-    """Kind of a folder that `analyze import` reads; None for others."""
+def _folder_kind(path: Path) -> str | None:
+    """Kind of a folder that `analyze import` reads, as "a ROS 2 bag"; None for other folders."""
     names = [file.suffix.lower() for file in path.iterdir()]
     if (path / BAG_METADATA).is_file():
         return "a ROS 2 bag"
     return "a folder of images" if any(name in _IMAGES for name in names) else None
 
 
-def _of_file(path: Path) -> str | None:
-    """Kind of a file that `analyze import` reads, by its first bytes; None for others."""
+def _file_kind(path: Path) -> str | None:
+    """Kind of a file that `analyze import` reads by its first bytes, as "a video"; None for other files."""
     with path.open("rb") as file:
         head = file.read(16)
     if head.startswith(_SQLITE) and path.suffix.lower() == ".db3":
