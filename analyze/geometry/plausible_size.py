@@ -27,7 +27,10 @@ def refuse_implausible(name: str, extent: Array, volume: float, mass: float, uni
     refuse_size(name, extent, unit)
     density = mass / volume
     if not DENSITIES[0] <= density <= DENSITIES[1]:
-        remedy = f"{_other_unit(float(extent.max()), unit)}, or correct mass_kg (in kilograms)"
+        other = _fitting_unit(float(extent.max()), unit, density)
+        remedy = "correct mass_kg (in kilograms), or scale the shape to its true size"
+        if other is not None:
+            remedy = f'did you mean unit = "{other.value}"?, or correct mass_kg (in kilograms)'
         raise ShapeError(
             f"{name}: {_size(extent, unit)} at {mass:g} kg means {density:.3g} kg/m3, not "
             f"{DENSITIES[0]:g} to {DENSITIES[1]:g}: {remedy}"
@@ -60,18 +63,36 @@ def _size(extent: Array, unit: LengthUnit | None) -> str:
 def _other_unit(longest: float, unit: LengthUnit | None) -> str:
     """Remedy for an implausible size, as text: a unit in which the longest edge is plausible, or advice.
 
-    Plausible for this advice are 0.03 m to 0.6 m.
-
     Args:
         longest: Longest edge [m] with the declared unit.
         unit: Declared unit; None for a primitive.
     """
     if unit is None:
         return "give box and cylinder in metres"
-    plain = longest / unit.metres
-    fits = [other for other in LengthUnit if other is not unit and 0.03 <= plain * other.metres <= 0.6]
-    if not fits:
+    other = _fitting_unit(longest, unit)
+    if other is None:
         return (
             "no unit gives it a plausible size: export it anew, or give a box or cylinder with its dimensions"
         )
-    return f'did you mean unit = "{fits[0].value}"?'
+    return f'did you mean unit = "{other.value}"?'
+
+
+def _fitting_unit(longest: float, unit: LengthUnit | None, density: float | None = None) -> LengthUnit | None:
+    """Another unit that gives a plausible size: 0.03 m to 0.6 m, or else any that can be struck; or None.
+
+    Args:
+        longest: Longest edge [m] with the declared unit.
+        unit: Declared unit; None for a primitive.
+        density: Density [kg/m^3] with the declared unit, which the other must make plausible; None if it does
+            not matter.
+    """
+    if unit is None:
+        return None
+    plain = longest / unit.metres
+    for low, high in ((0.03, 0.6), (MIN_EXTENT, MAX_EXTENT)):
+        for other in LengthUnit:
+            if other is unit or not low <= plain * other.metres <= high:
+                continue
+            if density is None or DENSITIES[0] <= density * (unit.metres / other.metres) ** 3 <= DENSITIES[1]:
+                return other
+    return None

@@ -29,6 +29,8 @@ STRIKES_PER_AXIS = 4
 """Strikes per axis from which on a plan may have more than `MAX_AXES` axes."""
 ABSOLUTE_MAX_AXES = 10
 """Largest number of axes of any plan."""
+USUAL_STRIKES = 9
+"""Number of strikes for which the error of c that axes allow is judged."""
 MIN_STRIKES = 3
 """Smallest number of strikes that determine c if none was made before."""
 POOL_SIZE = 24
@@ -347,6 +349,18 @@ def can_determine_com(information: Information) -> bool:
         normal_spread(normals[_widest_three(normals)]) >= MIN_NORMAL_SPREAD
         or choose_design(information, MIN_STRIKES) is not None
     )
+
+
+def usual_com_rms(information: Information) -> float:
+    """Expected rms error of the centre of mass [m] with `USUAL_STRIKES` strikes; inf if it is not determined.
+
+    Args:
+        information: Candidates, prior knowledge and errors.
+    """
+    if not can_determine_com(information):
+        return float("inf")
+    chosen = choose_design(information, USUAL_STRIKES)
+    return float("inf") if chosen is None else chosen.com_rms
 
 
 def _widest_three(normals: Array) -> list[int]:

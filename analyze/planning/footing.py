@@ -27,6 +27,10 @@ STRIP_AREA_FRACTION = 0.02
 """Fraction of the hull's area below which an unsure face counts as a strip of a round or bevelled flank."""
 FLANK_TURN = np.radians(25.0)
 """Largest angle [rad] between neighbouring facets of a round flank: of 16 sides or more."""
+MAX_FACET_SHARE = 1 / 16
+"""Fraction of the hull's area above which a face is no facet of a round flank."""
+LEAST_NEIGHBOUR = 0.1
+"""Area of a neighbour over that of a face below which it is a bevel or rounding of its edge, no facet."""
 OPPOSITE_COSINE = -np.cos(np.radians(20.0))
 """Largest cosine between the directions to the two neighbours of a facet of a round flank."""
 
@@ -54,12 +58,16 @@ def footing(
         region: Region Q of the centre of mass.
         share: Scale of Q about its centre.
     """
-    least = STRIP_AREA_FRACTION * float(ConvexHull(model.hull_vertices).area)
+    area = float(ConvexHull(model.hull_vertices).area)
     return tuple(
         plane
         for plane in planes
         if plane.firmness(region) > 1
-        or (plane.firmness(region) > share and plane.area >= least and not _is_round_flank(plane, planes))
+        or (
+            plane.firmness(region) > share
+            and plane.area >= STRIP_AREA_FRACTION * area
+            and (plane.area > MAX_FACET_SHARE * area or not _is_round_flank(plane, planes))
+        )
     )
 
 
@@ -92,13 +100,15 @@ def unsure_note(used: Sequence[RestingPlane], unsure: frozenset[str], region: Re
 def _is_round_flank(plane: RestingPlane, planes: Sequence[RestingPlane]) -> bool:
     """True if a face is one of the many flat sides (facets) by which a mesh has a round flank.
 
-    It then has neighbours at angles below `FLANK_TURN` on two opposite sides.
+    It then has neighbours of some size (`LEAST_NEIGHBOUR`) at angles below `FLANK_TURN` on two opposite
+    sides.
 
     Args:
         plane: Face to judge.
         planes: All resting planes of the object.
     """
-    ups = np.array([other.up for other in planes if other is not plane])
+    large = [other.up for other in planes if other is not plane and other.area > LEAST_NEIGHBOUR * plane.area]
+    ups = np.array(large).reshape(-1, 3)
     along = ups @ plane.up
     near = ups[along > np.cos(FLANK_TURN)]
     aside = near - np.outer(near @ plane.up, plane.up)

@@ -31,6 +31,11 @@ from schemas.strike_plan import Rejection
 
 FRICTION = 0.4
 """Friction coefficient between object and table, if none is given."""
+MAX_COM_ERROR = 0.01
+"""Expected error of the centre of mass, over the body's size, above which further axes are looked for."""
+WORTHWHILE = 0.5
+"""Factor by which less certain axes, or another striker or mat, must reduce the error of c to be used where c
+is determined without them."""
 INERTIA_SD = 0.3
 """Relative prior 1 sigma of the moment about any direction: shell or solid, uniform or not."""
 
@@ -70,6 +75,16 @@ class PreparedObject:
         return 0 if self.given is None else len(self.given.strikes)
 
     @property
+    def com_error(self) -> float:
+        """Expected rms error of c [m] with the usable axes; inf if they do not determine it."""
+        return design.usual_com_rms(self.information)
+
+    @property
+    def is_accurate(self) -> bool:
+        """True if the usable axes determine the centre of mass to `MAX_COM_ERROR` of the body's size."""
+        return self.com_error <= MAX_COM_ERROR * body_size(self.model)
+
+    @property
     def unsure(self) -> frozenset[str]:
         """Ids of the faces in the plan that do not hold all of Q, the region of the centre of mass.
 
@@ -89,10 +104,11 @@ def prepare_object(
 
     Q is the region believed to hold the centre of mass c. The axes belong to faces on which the object stands
     for all of Q, and it balances over their edges, before the next edge lands, for the share `CARRYING_SHARE`
-    of Q. If these axes do not determine c, edges whose tags the camera sees only with object and striker
-    turned by 180 degrees are added; then axes on lines that land before balance and over which it then
-    balances. Then the same is done for half of Q, then for its centre alone; at last rounded or bevelled
-    edges are added of which it is open which of several close lines carries.
+    of Q. If these axes do not determine c to `MAX_COM_ERROR` of the body's size, edges whose tags the camera
+    sees only with object and striker turned by 180 degrees are added; then axes on lines that land before
+    balance and over which it then balances. Then the same is done for half of Q, then for its centre alone;
+    at last rounded or bevelled edges are added of which it is open which of several close lines carries. The
+    first axes that determine c at all are kept if the others do not make its error smaller by `WORTHWHILE`.
 
     Args:
         model: Shape of the object.
@@ -125,30 +141,29 @@ def prepare_object(
         mass=spec.mass_sd_kg / spec.mass_kg,
     )
     search = _Search(model, spec, bench, believed, Information((), belief, shared))
-    standing: tuple[RestingPlane, ...] = ()
-    stable: list[RestingPlane] = []
     for share in Q_SCALES:
-        known: set[str] = {plane.id for plane in standing}
-        standing = footing(model, planes, believed.region, share)
-        scanned, bare = scanned_planes(model, [plane for plane in standing if plane.id not in known])
+        known: set[str] = {plane.id for plane in search.standing}
+        search.standing = footing(model, planes, believed.region, share)
+        scanned, bare = scanned_planes(model, [plane for plane in search.standing if plane.id not in known])
         axes, cut = scanned_edges(model, pivot_axes(model, spec, scanned, believed))
-        stable += scanned
+        search.stable += scanned
         search.rejected += [*bare, *cut]
         search.waiting += [with_next_edge(model, axis, believed.region) for axis in axes]
         if search.use_carrying(min(share, CARRYING_SHARE)) or search.use_next():
             break
     else:
         search.use_close()
+    search = search.best()
     return PreparedObject(
         model,
         spec,
         bench,
         planes,
-        tuple(stable),
+        tuple(search.stable),
         believed,
         tuple(search.usable),
         (
-            *_unstable(planes, standing, believed),
+            *_unstable(planes, search.standing, believed),
             *search.rejected,
             *(next_edge_rejection(axis, believed) for axis in search.waiting),
         ),
@@ -180,9 +195,23 @@ class _Search:
     """Reasons why others are not used."""
     waiting: list[PivotAxis] = field(default_factory=list[PivotAxis])
     """Axes that were not checked yet, as their next edge may land before balance."""
+    standing: tuple[RestingPlane, ...] = ()
+    """Faces on which the object stands for the share of Q that was last tried."""
+    stable: list[RestingPlane] = field(default_factory=list[RestingPlane])
+    """Those of the faces tried that were scanned."""
+    com_error: float = np.inf
+    """Expected rms error of c [m] with the usable axes; inf if they do not determine it."""
+    first: _Search | None = None
+    """State in which c was determined first; None until then."""
+
+    def best(self) -> _Search:
+        """This state, or the first one that determined c, if the axes added since are not `WORTHWHILE`."""
+        if self.first is None or self.com_error < WORTHWHILE * self.first.com_error:
+            return self
+        return self.first
 
     def use_carrying(self, share: float) -> bool:
-        """Use waiting axes that carry up to balance for a share of Q; True if c is then determined.
+        """Use waiting axes that carry up to balance for a share of Q; True if c is then known well.
 
         If it is not, edges are added whose tags the camera sees with object and striker turned by 180
         degrees.
@@ -193,35 +222,35 @@ class _Search:
         carrying = [axis for axis in self.waiting if axis.carries_for(share)]
         self.waiting = [axis for axis in self.waiting if not axis.carries_for(share)]
         unseen = {each.axis_id for each in self._use(carrying) if each.code in FAULT_CODES}
-        if self._determines():
+        if self._suffices():
             return True
         turned = [axis for axis in carrying if axis.id in unseen]
         passed, _ = examine(self.model, self.spec, turned, self.believed, self.bench, TURNED)
         seen = {each.candidate.axis.id for each in passed}
         self.usable += passed
         self.rejected = [each for each in self.rejected if each.axis_id not in seen]
-        return self._determines()
+        return self._suffices()
 
     def use_next(self) -> bool:
-        """Use lines that land before balance and then carry; True if c is then determined."""
+        """Use lines that land before balance and then carry; True if c is then known well."""
         return self._use_instead({axis.id: over_next_line(axis) for axis in self.waiting})
 
     def use_close(self) -> bool:
-        """Use axes amid close lines, as of a rounding's facets; True if c is then determined."""
+        """Use axes amid close lines, as of a rounding's facets; True if c is then known well."""
         region = self.believed.region
         return self._use_instead(
             {axis.id: over_close_lines(self.model, axis, region) for axis in self.waiting}
         )
 
     def _use_instead(self, others: Mapping[str, PivotAxis | None]) -> bool:
-        """Use other axes in place of waiting ones; True if the centre of mass is then determined.
+        """Use other axes in place of waiting ones; True if the centre of mass is then known well.
 
         Args:
             others: Axis to use by the id of each waiting one; None leaves it waiting.
         """
         self.waiting = [axis for axis in self.waiting if others[axis.id] is None]
         self._use([axis for axis in others.values() if axis is not None])
-        return self._determines()
+        return self._suffices()
 
     def _use(self, axes: Sequence[PivotAxis]) -> list[Rejection]:
         """Add the axes that pass every check, and the rejections of the others, which are returned."""
@@ -230,10 +259,14 @@ class _Search:
         self.rejected += failed
         return failed
 
-    def _determines(self) -> bool:
-        """True if the usable axes determine the centre of mass."""
+    def _suffices(self) -> bool:
+        """True if the usable axes determine the centre of mass to `MAX_COM_ERROR` of the body's size."""
         self.information = replace(self.information, candidates=tuple(each.candidate for each in self.usable))
-        return design.can_determine_com(self.information)
+        self.com_error = design.usual_com_rms(self.information)
+        if self.first is None and np.isfinite(self.com_error):
+            copies = {name: list(getattr(self, name)) for name in ("usable", "rejected", "waiting", "stable")}
+            self.first = replace(self, **copies)
+        return self.com_error <= MAX_COM_ERROR * body_size(self.model)
 
 
 def _unstable(

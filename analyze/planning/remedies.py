@@ -1,7 +1,7 @@
 """Remedies of a refusal, each tried on the planner itself before it is stated: what would give a plan.
 
 A remedy changes the bench (mat, striker), the tags or the body. It counts if the axes that are then usable
-determine the centre of mass.
+determine the centre of mass; where they did before, if its error becomes smaller by `WORTHWHILE`.
 """
 
 from __future__ import annotations
@@ -9,10 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from analyze.planning import design
 from analyze.planning.examine import Bench
 from analyze.planning.impact import HAND
-from analyze.planning.prepared import PreparedObject, prepare_object
+from analyze.planning.prepared import WORTHWHILE, PreparedObject, prepare_object
 from analyze.planning.view import FAULT_CODES
 from schemas.object_spec import ObjectSpec
 from schemas.rig_limits import MIN_TAG_EDGE_PX
@@ -21,7 +20,7 @@ FRICTIONS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 """Friction coefficients of mats, in the order in which they are tried."""
 FRICTIONS_WITH_MASS = (0.6, 0.8, 1.0)
 """Those that are tried together with another effective mass."""
-HEAVIER_KG, LIGHTER_KG = (0.35, 0.5, 0.8), (0.1, 0.05)
+HEAVIER_KG, LIGHTER_KG = (0.35, 0.5, 0.8, 1.2), (0.1, 0.05)
 """Effective masses of the striker's arm [kg] that are tried, for strikes too fast and too slow for it."""
 LARGER_TAG = 1.1
 """Margin of a larger tag over the smallest legible one."""
@@ -104,9 +103,9 @@ def first_remedy(prepared: PreparedObject) -> Remedy | None:
 
 
 def _try(prepared: PreparedObject, change: _Change) -> Remedy | None:
-    """Remedy if the object can be planned with a change, else None."""
+    """Remedy if the object can be planned with a change, and clearly better if it can without; else None."""
     changed = _prepared(prepared, change)
-    return Remedy(change.text, changed) if design.can_determine_com(changed.information) else None
+    return Remedy(change.text, changed) if changed.com_error < WORTHWHILE * prepared.com_error else None
 
 
 def _prepared(prepared: PreparedObject, change: _Change) -> PreparedObject:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from analyze.planning import design
 from analyze.planning.impact import StrikerModel
-from analyze.planning.prepared import PreparedObject
+from analyze.planning.prepared import WORTHWHILE, PreparedObject
 from analyze.planning.remedies import bench_remedy
 
 HEAVIER, LIGHTER = (2.0, 4.0, 6.0), (0.5, 0.25)
@@ -21,6 +20,8 @@ FRICTIONS = (0.5, 0.6, 0.7)
 def prepared_for_mat(prepared: PreparedObject) -> tuple[PreparedObject, str]:
     """Object prepared for a rougher mat, and perhaps another striker, if its edges slide on the nominal one.
 
+    That is done if the centre of mass is otherwise unknown, or known only roughly.
+
     Args:
         prepared: the object with the axes that it can be tipped over on the nominal mat.
 
@@ -28,7 +29,7 @@ def prepared_for_mat(prepared: PreparedObject) -> tuple[PreparedObject, str]:
         The object as it is to be planned, and a note on the mat; without a change the object as given, and an
         empty note.
     """
-    if design.can_determine_com(prepared.information):
+    if prepared.is_accurate:
         return prepared, ""
     remedy = bench_remedy(prepared, FRICTIONS)
     if remedy is None:
@@ -45,7 +46,9 @@ def prepared_for_striker(
     """Object prepared for a striker whose speeds suffice, if the nominal one's do not.
 
     A heavy object needs a tip speed that the nominal striker does not reach, a light one less than its
-    slowest. If that is why its axes leave the centre of mass unknown, heavier or lighter strikers are tried.
+    slowest. If that is why its axes leave the centre of mass unknown, or known only roughly, heavier and
+    lighter strikers are tried. The first with which it is known well is taken, or else the one with which it
+    is known best.
 
     Args:
         prepared: the object with the axes that the nominal striker can tip it over.
@@ -56,19 +59,21 @@ def prepared_for_striker(
         and an empty note.
     """
     needed = [each.number for each in prepared.rejected if each.code == "speed" and each.number is not None]
-    if not needed or design.can_determine_com(prepared.information):
+    if not needed or prepared.is_accurate:
         return prepared, ""
     nominal = prepared.bench.striker
     factors = (
         *(HEAVIER if max(needed) > nominal.fastest_m_s else ()),
         *(LIGHTER if min(needed) < nominal.slowest_m_s else ()),
     )
+    best = prepared
     for factor in factors:
-        striker = multiplied(nominal, factor)
-        other = prepare(striker)
-        if design.can_determine_com(other.information):
-            return other, _note(nominal, striker, needed)
-    return prepared, ""
+        other = prepare(multiplied(nominal, factor))
+        if other.com_error < min(WORTHWHILE * prepared.com_error, best.com_error):
+            best = other
+        if best.is_accurate:
+            break
+    return best, "" if best is prepared else _note(nominal, best.bench.striker, needed)
 
 
 def multiplied(striker: StrikerModel, factor: float) -> StrikerModel:

@@ -139,6 +139,18 @@ def test_implausible_size_is_refused_with_the_likely_unit():
         load(*cloud_bytes("xyz", box_cloud()), unit="m")
 
 
+def test_the_advised_unit_may_be_one_of_a_large_object():
+    chair = box_mesh(np.array([0.53, 0.66, 0.52]))
+    with pytest.raises(ShapeError, match=r'did you mean unit = "m"\?'):
+        load(mesh_bytes("stl", chair), "chair.stl", unit="mm")
+
+
+def test_an_implausible_density_of_a_plausible_size_asks_for_the_mass():
+    """No other unit fits a box of 50 mm in inches: its size is not what is wrong."""
+    with pytest.raises(ShapeError, match=r": correct mass_kg \(in kilograms\), or scale the shape"):
+        load(mesh_bytes("stl", box_mesh(np.array([2.0, 1.0, 1.0]))), "box.stl", unit="in", mass=1.0)
+
+
 def test_a_unit_that_contradicts_the_file_is_refused():
     with pytest.raises(ShapeError, match=r'own unit is millimeter.*correct shape.unit to "mm"'):
         load(mesh_bytes("3mf", box_mesh(SIZE / 10)), "box.3mf", unit="cm")

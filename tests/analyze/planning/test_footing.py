@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -112,3 +113,30 @@ def test_our_plan_is_not_refused_where_the_paper_has_a_regular_set(seed):
     assert not result.paper.singular
     assert not result.ours.refusal
     assert not result.ours.singular
+
+
+def test_a_wide_face_with_bevels_beside_it_is_no_facet_of_a_round_flank():
+    """A hammer on its cheek: the face is far larger than a facet of a flank of 16 sides or more could be."""
+    outline = np.array(
+        [[-30, 0], [30, 0], [33, 0.8], [33, 39.2], [30, 40], [-30, 40], [-33, 39.2], [-33, 0.8]]
+    )
+    prism = np.vstack([np.insert(outline, 1, y, axis=1) for y in (0.0, 100.0)])
+    model = load_object_model(spec_for(triangles := convex_triangles(prism)), stl(triangles), "hammer.stl")
+    planes = resting_planes(model)
+    # The region reaches beyond the bevelled edges by a fifth of their distance.
+    region = replace(hypothesis(model).region, centre=np.array([0.0, 0.05, 0.02]), axes=np.eye(3))
+    region = replace(region, half=np.array([0.0375, 0.01, 0.01]), groups=(0, 1, 2))
+    wide = {plane.id for plane in planes if abs(plane.up[2]) > 0.99 and plane.area > 0.005}
+    assert len(wide) == 2
+    assert not wide & {plane.id for plane in footing(model, planes, region, 1.0)}
+    assert wide <= {plane.id for plane in footing(model, planes, region, 0.5)}
+
+
+def test_a_facet_of_a_round_flank_is_no_face_to_stand_on():
+    angle = np.arange(24) * np.pi / 12
+    rim = 40 * np.column_stack([np.cos(angle), np.sin(angle)])
+    triangles = convex_triangles(np.vstack([np.column_stack([rim, np.full(24, z)]) for z in (0.0, 150.0)]))
+    model = load_object_model(spec_for(triangles), stl(triangles), "rod.stl")
+    planes = resting_planes(model)
+    found = footing(model, planes, hypothesis(model).region, 0.0)
+    assert all(abs(plane.up[2]) > 0.99 for plane in found)

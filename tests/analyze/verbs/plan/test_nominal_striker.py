@@ -5,10 +5,13 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from analyze.errors import PlanError
 from analyze.verbs.plan.plan_object import PlanOptions, plan_object
+from tests.analyze.geometry.shapes import stl
+from tests.analyze.planning.random_bodies import convex_triangles
 
 TAGS = "".join(f"\n[[marker]]\nid = {i}\nsize_m = 0.012\n" for i in range(3))
 
@@ -35,6 +38,36 @@ def test_objects_of_any_mass_are_planned_for_a_striker_that_suits_them(tmp_path,
     assert 1000 * planned.hypothesis.striker.effective_mass_kg == pytest.approx(grams)
     speeds = [each.tip_speed_m_s.target for each in planned.strikes]
     assert 0.06 <= min(speeds) <= max(speeds) <= 0.96
+
+
+def test_a_heavier_striker_is_assumed_where_the_nominal_one_leaves_the_centre_of_mass_rough(tmp_path):
+    """Lying on its sides a tall tapered body shows little of the height of its centre of mass."""
+    ends = [
+        [x * size / 2, y * size / 2, z] for size, z in ((60, 0), (44, 180)) for x in (-1, 1) for y in (-1, 1)
+    ]
+    (tmp_path / "post.stl").write_bytes(stl(convex_triangles(np.array(ends, float))))
+    path = _file(tmp_path, 0.8, "[1, 1, 1]")
+    text = path.read_text(encoding="utf-8").replace(
+        "box = { size_m = [1, 1, 1] }", 'file = "post.stl"\nunit = "mm"'
+    )
+    path.write_text(text, encoding="utf-8")
+    plan = plan_object(path, PlanOptions()).plan
+    assert any("effective mass of 400 g" in note for note in plan.warnings)
+    assert plan.prediction.com_rms_m < 0.0008
+    rig = tmp_path / "rig.toml"
+    rig.write_text("[striker]\neffective_mass_kg = 0.2\n", encoding="utf-8")
+    assert plan_object(path, PlanOptions(rig_path=rig)).plan.prediction.com_rms_m > 0.002
+
+
+def test_mat_and_heavy_striker_are_assumed_together(tmp_path):
+    path = _file(tmp_path, 0.8, "[1, 1, 1]")
+    text = path.read_text(encoding="utf-8").replace(
+        "box = { size_m = [1, 1, 1] }", "cylinder = { radius_m = 0.05, height_m = 0.1 }"
+    )
+    path.write_text(text, encoding="utf-8")
+    [note] = [each for each in plan_object(path, PlanOptions()).plan.warnings if "does not suffice" in each]
+    assert "mat" in note
+    assert "1200 g" in note
 
 
 def test_a_stated_striker_is_kept(tmp_path):
