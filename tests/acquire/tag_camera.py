@@ -32,7 +32,7 @@ class Still:
         self._image[202 : 202 + EDGE_PX, 272 : 272 + EDGE_PX] = np.clip(tag, 30, 200)
 
     def latest_time_ns(self) -> int:
-        """Current time: there is no world to wait for."""
+        """Host monotonic time now [ns]: the image does not depend on a simulated world."""
         return SystemClock().monotonic_ns()
 
     def image(self, start_ns: int, settings: StreamSettings) -> np.ndarray:

@@ -30,7 +30,7 @@ MAX_STRIKES = 3
 
 @dataclass(frozen=True)
 class Struck:
-    """Figures of one strike."""
+    """Command, true and measured energy ratio, and verdict of one simulated strike."""
 
     axis_id: str
     command_m_s: float
@@ -41,7 +41,7 @@ class Struck:
 
 @dataclass(frozen=True)
 class Session:
-    """Figures of one session."""
+    """Strikes of one simulated session, with the stated restitution and the one learned from them."""
 
     object: str
     seed: int

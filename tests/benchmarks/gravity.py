@@ -86,7 +86,14 @@ class Sessions:
 
 
 def simulated(axes: Sequence[tuple[int, int, int, int]], drawn: float, count: int, seed: int) -> Sessions:
-    """Simulate sessions on tables whose slopes are drawn with 1 sigma of `drawn` [rad]."""
+    """Objects and equi-planes of `count` sessions on tables of random slope.
+
+    Args:
+        axes: face, sign, along and side of each pivot edge, as `planned_strike` takes them.
+        drawn: 1 sigma of the table's slope [rad].
+        count: number of sessions.
+        seed: seed of bodies, slopes and noise.
+    """
     many = 9 if len(axes) == 3 else 12
     laid: list[list[PlacedStrike]] = []
     for number in range(count):

@@ -91,9 +91,9 @@ def thinned(frames: Iterable[ImageFrame]) -> Iterator[ImageFrame]:
 
 
 def interrupted(frames: Iterable[ImageFrame]) -> Iterator[ImageFrame]:
-    """Images without a twelfth of a second, in the tip of most strikes.
+    """Yield the images without those of a gap of 1/12 s, from 0.4 s after the first one.
 
-    A window begins some 0.3 s before the impact.
+    A window begins some 0.3 s before the impact, so that the gap is in the tip of most strikes.
     """
     start_ns = None
     for frame in frames:

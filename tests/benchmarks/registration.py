@@ -32,7 +32,7 @@ TARGET_TURN, TARGET_PLACE = math.radians(0.2), 3e-4
 
 @dataclass
 class Found:
-    """Errors of one row of the table."""
+    """Errors of estimated tag places in one row of the table: rotation [rad] and position [m] of each tag."""
 
     turn: list[float] = field(default_factory=list)
     place: list[float] = field(default_factory=list)

@@ -49,7 +49,7 @@ _MESSAGES = {
 
 @dataclass(frozen=True)
 class Row:
-    """Result for one shape and kind of file."""
+    """Result of planning one shape from one kind of file: a row of the table."""
 
     shape: str
     category: str
@@ -79,7 +79,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Run:
-    """End of a command: exit code, output, time and peak memory."""
+    """Ended run of a command: exit code, output, wall and CPU time [s], peak memory [MB]."""
 
     code: int
     output: str
@@ -89,7 +89,7 @@ class Run:
 
 
 def run_analyze(*arguments: str) -> Run:
-    """Run `analyze` in a process of its own; exit code -1 if it does not end in time."""
+    """Run `analyze` in a process of its own; negative exit code if its CPU time exceeds `MAX_SECONDS`."""
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "COLUMNS": "2000"}
     begin = time.perf_counter()
     process = subprocess.Popen(
@@ -126,13 +126,13 @@ def reasons(message: str) -> Counter[str]:
 
 
 def remedy(message: str) -> str:
-    """Remedy of a refusal: what stands behind the last colon of its line; notes follow that line."""
+    """Remedy in the message of a refusal: the text after the last colon of its line; "" if there is none."""
     lines = [line for line in message.splitlines() if line.startswith("analyze: ")]
     return lines[0].rsplit(": ", 1)[-1].strip() if lines else ""
 
 
 def plan_shape(name: str, kind: Kind, seed: int, work: Path, with_fixture: bool) -> Row:
-    """Write a shape's files, plan it, and plan it with a fixture where that is refused."""
+    """Write a shape's files, plan it, and plan it with a fixture where that is refused; return the row."""
     shape = make(name, seed)
     folder = work / f"{name}-{kind}"
     folder.mkdir(parents=True, exist_ok=True)
@@ -166,7 +166,7 @@ def plan_shape(name: str, kind: Kind, seed: int, work: Path, with_fixture: bool)
 
 
 def _with_fixture(path: Path, folder: Path) -> str:
-    """Whether an object is planned with the fixture that `analyze fixture` designs for it."""
+    """Result of `analyze plan` with the fixture that `analyze fixture` designs: "planned" or "refused"."""
     target = folder / "in-fixture.toml"
     run = run_analyze("fixture", str(path), "-o", str(target), "--force")
     (folder / "fixture.txt").write_text(run.output, encoding="utf-8")

@@ -41,7 +41,7 @@ MOST_ERROR = 1.0
 
 @dataclass
 class Row:
-    """One session in figures."""
+    """Figures of one session: strikes, scores against the truth, time."""
 
     name: str
     kind: str
@@ -72,7 +72,7 @@ class Row:
 
 
 def run_row(name: str, kind: Kind, seed: int, bank: Path | None, images: bool) -> Row:
-    """Figures of one session; a crash is a result of the trial."""
+    """Row of one session; an exception is reported in `refusal` as a crash."""
     began = time.process_time()
     row = Row(name, kind, seed, images=images)
     try:
@@ -85,7 +85,7 @@ def run_row(name: str, kind: Kind, seed: int, bank: Path | None, images: bool) -
 
 
 def row_of(found: WorldTrial, row: Row) -> Row:
-    """The row with the figures of a session entered."""
+    """Row with the figures of an ended session entered."""
     scored = score_session(found.trial, row.name, "none", row.seed)
     row.size, row.planned, row.struck = found.size, found.planned, len(found.trial.truths)
     row.refusal = found.trial.refusal

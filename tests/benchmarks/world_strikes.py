@@ -51,7 +51,7 @@ EDGE_RADIUS_M = 5e-4
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of the strikes over one axis."""
+    """Result of the strikes over one pivot axis of a shape: a row of the table."""
 
     shape: str
     household: bool

@@ -22,7 +22,7 @@ _SUB = 8
 
 @dataclass(frozen=True)
 class Scan:
-    """Triangle mesh of a scan, with what is wrong with it."""
+    """Triangle mesh of a simulated scan, with the sizes of its noise, its holes and its base."""
 
     vertices: Array
     """(n, 3) [mm, in O, the object's frame]"""
@@ -37,7 +37,9 @@ class Scan:
 
 
 def scan(shape: WorldShape, seed: int = 0) -> Scan:
-    """Scan of a shape: some 16 000, 50 000 or 150 000 triangles, 0.5 mm of noise, holes, some without base.
+    """Simulated scan of a shape: some 16 000, 50 000 or 150 000 triangles, 0.5 mm of noise, 0 to 4 holes.
+
+    Three scans in ten have no base.
 
     Args:
         shape: the shape.
@@ -70,7 +72,7 @@ def scan(shape: WorldShape, seed: int = 0) -> Scan:
 
 
 def fused(shape: WorldShape, pitch: float) -> tuple[Array, Faces]:
-    """Closed surface of even quads, split into triangles, around the filled voxels of a shape.
+    """Closed surface of nearly square quads, split into triangles, around the filled voxels of a shape.
 
     Args:
         shape: the shape.
@@ -94,7 +96,14 @@ def fused(shape: WorldShape, pitch: float) -> tuple[Array, Faces]:
 def _raster(
     polygons: list[Array], low: Array, pitch: float, counts: NDArray[np.int64]
 ) -> NDArray[np.float32]:
-    """Share of each pixel that polygons fill, even-odd."""
+    """Share (rows, columns) of each pixel that lies within polygons, by the even-odd rule.
+
+    Args:
+        polygons: corners (n, 2) of each polygon [mm].
+        low: (2,) x and y of the image's corner [mm].
+        pitch: edge of a pixel [mm].
+        counts: (2,) number of pixels along x and y.
+    """
     image = np.zeros((counts[1] * _SUB, counts[0] * _SUB), np.uint8)
     if polygons:
         lines = [np.round(((each - low) / pitch * _SUB - 0.5) * 256).astype(np.int32) for each in polygons]
@@ -109,6 +118,9 @@ def surface_net(field: NDArray[np.float32], origin: Array, pitch: float) -> tupl
         field: (c, b, a) field, positive inside, negative at the border.
         origin: (3,) place x, y, z of the first grid point.
         pitch: distance of the grid points.
+
+    Returns:
+        Vertices (n, 3) in the unit of `origin`, and triangles (m, 3), normals outward.
     """
     field = np.ascontiguousarray(field.transpose(2, 1, 0))  # x, y, z
     inside = field > 0

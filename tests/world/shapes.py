@@ -33,7 +33,7 @@ class MassPart:
     share: float
     """fraction of the object's mass"""
     solid: Manifold
-    """[mm]"""
+    """solid over which the share is spread [mm]"""
     on_surface: bool = False
     """True if the mass is spread evenly over the solid's surface, as a thin wall's"""
 
@@ -57,7 +57,7 @@ class MassPart:
 
 @dataclass(frozen=True)
 class Built:
-    """What a generator returns: the solid [mm], and its mass parts; without any it is uniform."""
+    """Generated object: its solid [mm], and the parts of its mass; uniform if there are none."""
 
     solid: Manifold
     parts: Sequence[MassPart] = ()
@@ -65,7 +65,7 @@ class Built:
 
 @dataclass(frozen=True)
 class WorldShape:
-    """Object of the world: clean solid, mass, hidden mass distribution, and how people would treat it."""
+    """Object of the world: clean solid, mass, hidden mass distribution, and direction in which it stands."""
 
     name: str
     category: Category
@@ -131,7 +131,10 @@ class WorldShape:
 
 
 def _first_hit(corners: Array, middle: Array, side: Array) -> tuple[Array, Array] | None:
-    """Outermost point (3,) of a surface on the ray from `middle` along `side`, and the normal (3,) there."""
+    """Outermost point (3,) of a surface on the ray from `middle` along `side`, and the normal (3,) there.
+
+    None if the ray misses the surface.
+    """
     across = [axis for axis in range(3) if not side[axis]]
     a, b, c = (corners[:, i][:, across] - middle[across] - 1e-5 for i in range(3))
     areas = [p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0] for p, q in ((b, c), (c, a), (a, b))]
@@ -190,7 +193,7 @@ def world_shape(category: Category, mass_g: float) -> Callable[[Build], Build]:
 
 
 def filled(solid: Manifold, shell: float, level: float = 1.0, contents: Manifold | None = None) -> Built:
-    """Thin-walled solid with contents.
+    """Object with a thin wall and contents.
 
     Args:
         solid: outer solid [mm].
@@ -208,7 +211,10 @@ def filled(solid: Manifold, shell: float, level: float = 1.0, contents: Manifold
 
 
 def made_of(*parts: tuple[str, float, Manifold]) -> Built:
-    """Solid joined of parts with names and shares of the mass, each part uniform."""
+    """Object of several uniform parts, given as (name, share of the mass, solid [mm]); the solids are united.
+
+    The shares are scaled to a sum of 1.
+    """
     solid = parts[0][2]
     for _, _, part in parts[1:]:
         solid = solid + part

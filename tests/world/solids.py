@@ -46,7 +46,7 @@ def lathe(profile: Points, radius: float = 0.0, segments: int = SEGMENTS) -> Man
     """Solid of revolution about z.
 
     Args:
-        profile: corners (r, z) of half the cross-section, closed along the axis by itself.
+        profile: corners (r, z) of half the cross-section; its ends are joined along the axis.
         radius: rounding of the corners that are off the axis.
         segments: number of segments of a full circle.
     """
@@ -86,7 +86,7 @@ def filleted(corners: Points, radius: float, steps: int = 5) -> Array:
 
 
 def superellipse(a: float, b: float, power: float = 2.0, count: int = 96) -> Array:
-    """Outline (count, 2) with half axes a and b: 2 is an ellipse, 4 a box with soft corners."""
+    """Outline (count, 2) with half axes a and b: `power` 2 is an ellipse, 4 a box with soft corners."""
     angle = 2 * np.pi * (np.arange(count) + 0.5) / count
     c, s = np.cos(angle), np.sin(angle)
     return np.column_stack(
@@ -117,7 +117,7 @@ def prism(outline: Points | Array, height: float, radius: float = 0.0) -> Manifo
 
 
 def chamfered(outline: Points | Array, height: float, bevel: float) -> Manifold:
-    """Upright convex prism over an outline from z = 0 whose edges at base and top are rounded by `bevel`."""
+    """Upright convex prism over an outline from z = 0; its edges at base and top are rounded by `bevel`."""
     section = CrossSection([np.array(outline, float)])
     rise = bevel * (1 - np.cos(np.linspace(0, np.pi / 2, 5)))
     inset = bevel * (1 - np.sin(np.linspace(0, np.pi / 2, 5)))
@@ -193,7 +193,7 @@ def rod(path: Points, radius: float | Sequence[float], segments: int = 20) -> Ma
 def arc(
     centre: Sequence[float], radius: float, start: float, end: float, count: int = 13
 ) -> list[list[float]]:
-    """Points of an arc in the xz plane about `centre` (x, z), between angles from +x towards +z [deg]."""
+    """Points (x, 0, z) of an arc about `centre` (x, z), from angle `start` to `end` [deg], +x towards +z."""
     angle = np.radians(np.linspace(start, end, count))
     return [
         [centre[0] + radius * c, 0.0, centre[1] + radius * s]

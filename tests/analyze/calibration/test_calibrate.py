@@ -25,7 +25,7 @@ CORNER_SD = 0.007
 
 
 def all_over(rng, depth=0.6, many=15):
-    """Views tilted by 12 to 43 degrees, everywhere in the image."""
+    """Arguments of `facing` for `many` boards tilted by 11 to 43 degrees, everywhere in the image."""
     return [
         (
             [rng.uniform(-0.13, 0.13) * depth, rng.uniform(-0.1, 0.1) * depth, depth],
@@ -38,7 +38,10 @@ def all_over(rng, depth=0.6, many=15):
 
 
 def seen(lens, views, rng, sd=CORNER_SD):
-    """Corners as an image would give them, without images."""
+    """Corners of the board in `views`, with noise of 1 sigma `sd` [px] but without drawing images.
+
+    Views with fewer than 8 corners in the image are left out.
+    """
     shots = []
     for number, (middle, tilt, towards, spin) in enumerate(views):
         R, p = facing(PRINTED, middle, tilt, towards, spin)

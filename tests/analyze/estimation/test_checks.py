@@ -59,7 +59,10 @@ def test_outlying_strike_fails_its_prediction():
 
 
 def far_prior(com):
-    """Prior of the moments that grows with the distance of c: it pulls a c left open far from its place."""
+    """Prior of the moments about c for which they grow with the distance of c from O.
+
+    It pulls a c that the strikes leave open far away from the object.
+    """
     near = drawn_sessions.SHAPE(np.zeros(3))
     return replace(near, mean=near.mean + com @ com * np.eye(3) - np.outer(com, com))
 

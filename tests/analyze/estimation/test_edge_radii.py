@@ -92,7 +92,7 @@ def session(
 
 
 def expecting(planes: list[EquiPlane], prior: RadiusPrior) -> list[EquiPlane]:
-    """Planes as if they had been planned with the prior's radius."""
+    """Copies of the planes as for a plan with the prior's mean radius in place of `PLANNED`."""
     more = prior.mean - PLANNED
     return [
         replace(

@@ -35,7 +35,7 @@ def nothing(_: np.random.Generator, planes: list[EquiPlane]) -> list[EquiPlane]:
 
 
 def solutions(disturb: Disturb, count: int = 14) -> list[JointSolution]:
-    """Solutions of sessions with nine strikes over five axes, by the stated errors."""
+    """Joint solutions, by the stated errors, of `count` sessions of nine strikes changed by `disturb`."""
     found = []
     for seed in range(count):
         rng = np.random.default_rng(seed)

@@ -17,7 +17,7 @@ NOISE = math.radians(0.012)
 
 
 def drawn(rng):
-    """A bottle or box of 0.2 m."""
+    """Random section of a bottle or box, 180 to 220 mm high and 48 to 65 mm wide."""
     width, height = rng.uniform(0.048, 0.065), rng.uniform(0.18, 0.22)
     corners = np.array([[0, 0], [-width, 0], [-width, height], [0, height]])
     com = np.array([-0.5 * width * rng.uniform(0.85, 1.15), 0.46 * height * rng.uniform(0.85, 1.15)])

@@ -110,7 +110,7 @@ def test_a_scanned_boxs_edge_is_no_flank():
 
 
 def test_a_wall_beside_fine_facets_is_flat_however_they_are_cut():
-    """A body that rolls onto the wall, at 40 deg, does not roll on over it."""
+    """A flat wall of 20 mm beyond an arc is found as one flat, for even and uneven facets of the arc."""
     t = np.linspace(0, math.radians(40), 300)
     arc = 0.03 * np.stack([np.sin(t), 1 - np.cos(t)], axis=-1)
     wall = arc[-1] + 0.02 * np.array([math.cos(t[-1]), math.sin(t[-1])])

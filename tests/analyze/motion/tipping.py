@@ -170,7 +170,7 @@ def marker_poses(tip, mark=None, rho=0.002, yaw=0.0, offset=(0.0, 0.0), slip=Non
 
 
 def track_of(tip, rng, sd=0.011, mark=None, **how):
-    """Track with noisy corners, made without images; its poses are the true ones."""
+    """Marker track of a simulated tip with corner noise of 1 sigma `sd` [px]; its poses are the true ones."""
     mark = mark or marker()
     cam = camera()
     R, p = marker_poses(tip, mark, **how)

@@ -53,7 +53,10 @@ def test_tags_too_small_in_the_image_are_reported():
 
 
 def test_smallest_tag_is_that_of_the_rig_limits():
-    """The near face is 0.52 m from the camera: 2.75 px/mm."""
+    """A tag just above `MIN_TAG_EDGE_PX` is planned with, one just below is rejected as too small.
+
+    The face that carries it is 0.52 m from the camera, where 1 mm is 2.75 px.
+    """
     exact = MIN_TAG_EDGE_PX / (1430 / (0.55 - SIZE[1] / 2))
     only = [marker for marker in side_markers() if marker["id"] in {2, 3}]
     assert not codes(box_with([marker | {"size_m": exact * 1.001} for marker in only])) & {"tag_small"}

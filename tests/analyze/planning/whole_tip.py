@@ -113,7 +113,7 @@ def whole_tip(
 
 
 def _world(model: ObjectModel, strike: PlannedStrike, body: TrueBody, friction: float) -> mujoco.MjModel:
-    """Table and body at rest as planned."""
+    """MuJoCo model of the table and of the body, which lies on it in the strike's planned rest pose."""
     quaternion = Rotation.from_matrix(np.array(strike.R_world_object)).as_quat()[[3, 0, 1, 2]]
     sphere = f'<geom type="sphere" size="{CORNER_RADIUS}" mass="0" contype="2" conaffinity="1" pos='
     corners = "".join(f'{sphere}"{_numbers(corner)}"/>' for corner in model.hull_vertices)

@@ -208,7 +208,7 @@ def _in_view(box, edge):
 
 
 def strike_course(box, edge, rng):
-    """Simulated motion of a strike over an edge that mostly tips the box over."""
+    """Simulated motion of a box struck over an edge, mostly hard enough to tip over."""
     face, _, along, _ = edge
     a, b = box.size[3 - face - along] / 2 - EDGE_RADIUS, box.size[face] / 2 - EDGE_RADIUS
     R, phi = math.hypot(a, b), math.atan2(a, b)

@@ -35,7 +35,7 @@ def noise(count: int = 4) -> list[np.ndarray]:
 
 
 def test_line_through_the_centre_of_mass_is_upright_at_balance(strike):
-    """Its top is behind the plumb line before the fitted passage, before it afterwards, and never jumps."""
+    """The line crosses the plumb line within 0.05 degrees of the balance angle, and never turns back."""
     lean = np.array([each.balance[1, 0] - each.plumb[1, 0] for each in strike.lines])
     theta = np.interp(strike.time_ns, strike.fitted.time_ns, strike.fitted.theta)
     fitted = np.array([each.fitted for each in strike.lines])

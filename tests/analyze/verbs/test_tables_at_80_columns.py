@@ -51,7 +51,7 @@ STRIKES = ["s1.1", "s2.1", "s10.2"]
 
 
 def faults(table: Table) -> list[str]:
-    """What of a table cannot be read at 80 columns: lines that are longer, words that are broken or cut."""
+    """Faults of a table printed 80 columns wide: longer lines, and words or numbers cut or broken."""
     out = io.StringIO()
     Terminal(file=out, width=COLUMNS).print(copy.deepcopy(table))
     shown = set(re.split(r"[\s│┃]+", out.getvalue()))

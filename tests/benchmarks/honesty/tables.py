@@ -95,7 +95,7 @@ def _width(scores: list[Score]) -> str:
 
 
 def _subject(score: Score) -> str | None:
-    """Subject of the verdict to which a score belongs; None if the verdict does not speak about it."""
+    """Subject of the verdict to which a score belongs; None if the verdict does not concern it."""
     if score.quantity.startswith("c"):
         return "centre of mass"
     if score.quantity.startswith(("I diag", "I prod", "I prior")):

@@ -1,6 +1,6 @@
 """Sessions of world shapes: the product's plan, strikes on a mesh-accurate body, and the whole answer.
 
-The true body is the clean mesh: it touches the table with the spheres of the virtual rig, which come of the
+The true body is the clean mesh: it touches the table with the spheres of the virtual rig, which come from the
 hull of the mesh's vertices. What the user states is an object file with that mesh, a scan or convex pieces;
 the radius of its edges is not stated. The masses are those of the catalogue.
 """
@@ -50,7 +50,7 @@ MOST_FRICTION = 0.8
 
 @dataclass(frozen=True)
 class WorldTrial:
-    """One session of a world shape."""
+    """One session of a world shape: evidence, answer and truth."""
 
     shape: WorldShape
     trial: Trial
@@ -64,7 +64,7 @@ class WorldTrial:
 
 
 def run_world_session(name: str, kind: Kind, seed: int, bank: Bank, images: bool = False) -> WorldTrial:
-    """Plan, strike and estimate one world shape.
+    """Plan, strike and estimate one world shape; the session has a refusal if no answer came out.
 
     Args:
         name: name of the shape in the catalogue.

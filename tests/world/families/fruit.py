@@ -129,7 +129,7 @@ def pumpkin(rng: np.random.Generator) -> Manifold:
 
 @world_shape("fruit", 130)
 def cucumber_piece(rng: np.random.Generator) -> Manifold:
-    """Cut from both ends: two flat faces, not quite parallel."""
+    """Piece of a cucumber with two flat cut faces that are not quite parallel."""
     piece = tube(
         [np.column_stack([np.full(64, x), superellipse(21, 20, 2, 64)]) for x in np.linspace(-50, 50, 30)]
     )

@@ -65,7 +65,7 @@ def screwdriver(rng: np.random.Generator) -> Built:
 
 @world_shape("tool", 98)
 def phillips_screwdriver(rng: np.random.Generator) -> Built:
-    """Its grip is triangular, so that it does not roll."""
+    """Screwdriver whose grip is triangular, so that it does not roll."""
     angle = np.radians([90, 210, 330])
     grip = prism(20 * np.column_stack([np.cos(angle), np.sin(angle)]), 100, 7) + cylinder(9, 12, (0, 0, 98))
     blade = cylinder(3, 90, (0, 0, 108)) + cylinder(3, 7, (0, 0, 198), 0.8)
@@ -116,7 +116,7 @@ def combination_wrench(rng: np.random.Generator) -> Manifold:
 
 
 def _jaw(side: int) -> Manifold:
-    """Half of a pair of pliers."""
+    """Half of a pair of pliers, jaw and lever; `side` is 1 for the half with its jaw at +y, else -1."""
     nose = Manifold.batch_hull([box(8, 9, 10, (0, 6 * side, 0)), box(2, 3, 6, (62, 1.6 * side, 2))])
     lever = rod(
         [[0, -6 * side, 5], [-40, -20 * side, 5], [-90, -26 * side, 5], [-135, -22 * side, 5]], [6, 6, 7, 7]
