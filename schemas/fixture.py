@@ -62,7 +62,7 @@ class FixtureBody(Document):
 
 
 class HeldObject(Document):
-    """How closely the object sits in its fixture as the object file's shape has it."""
+    """Errors of the object's place and rotation in its fixture, against those in the object file's shape."""
 
     by_hand: ClassVar[bool] = True
 

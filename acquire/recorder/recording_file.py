@@ -30,7 +30,7 @@ class BorrowedRun(NamedTuple):
 
     @property
     def own_bytes(self) -> int:
-        """Number of bytes that are copied: those around the pages of images in borrowed camera buffers."""
+        """Number of bytes outside borrowed camera buffers: what precedes and follows the images' pages."""
         return len(self.lead) + sum(map(len, self.following))
 
 

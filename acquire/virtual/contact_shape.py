@@ -2,7 +2,7 @@
 
 A rigid body touches a plane only where its convex hull does, whatever hollows lie between: a mug stands on
 its rim, a chair on its feet, a bottle with a punt on the ring around it. The hull of the mesh's own vertices
-is therefore all of the shape that the table can feel.
+is therefore all of the shape that touches the table.
 
 A convex polyhedron whose edges are rounded with radius rho is the Minkowski sum of the polyhedron inset by
 rho and a ball of radius rho. Against a plane only the inset polyhedron's corners matter, so one sphere per

@@ -31,7 +31,7 @@ CHECKED_FRACTION = 0.75
 """Uncertainty of the edges' mean radius by strikes and the prior of radii that are not given, over that by
 the prior alone, up to which the strikes count as a check of what is stated."""
 MIN_RADIUS_SD = 1e-6
-"""Smallest sd of a radius [m] that is told from 0."""
+"""Smallest sd of a radius [m] that is distinguished from 0."""
 STATED = (RadiusSource.STATED, RadiusSource.EDGE)
 """Origins of a radius that the user stated."""
 

@@ -229,7 +229,7 @@ def line_sd(surface: CloudSurface, ends: Array) -> float:
 
 
 def _without_strays(points: Array) -> tuple[Array, int]:
-    """Those (k, 3) of `points` (n, 3) [m] that are not stray, and the number left out.
+    """Points (k, 3) of `points` (n, 3) [m] that are not stray, and the number of those left out.
 
     Stray are isolated points and small separate clumps.
 

@@ -207,7 +207,7 @@ def judge_fit(fit: MotionFit, course: Course, energy_ratio: float, theta_max: fl
 
     Args:
         fit: the chosen fit of the tipping angle, with the balance angle phi [rad].
-        course: events of the strike; they tell whether the object came back to rest on its first face.
+        course: events of the strike; they show whether the object came back to rest on its first face.
         energy_ratio: kinetic energy after the strike over the energy needed to reach balance.
         theta_max: largest tipping angle [rad].
     """
