@@ -65,9 +65,12 @@ def pattern_camera() -> Callable[..., object]:
     return _process
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def graves() -> Iterator[None]:
-    """After a module, wait for the threads that close dead cameras; fail if one outlasts 7.5 s."""
+    """After all tests, wait for the threads that close dead cameras; fail if one outlasts 7.5 s.
+
+    Not after each file: the last tests of a file would wait for nothing else.
+    """
     yield
     end = time.monotonic() + CLOSE_S
     while (left := _burials()) and time.monotonic() < end:
