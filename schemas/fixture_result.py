@@ -18,8 +18,8 @@ class FixturePart(Document):
     centre_of_mass_m: Vector3 = Field(description="its centre of mass, in O")
 
 
-class FixtureError(Document):
-    """Errors of the object alone that one cause brings in: strikes, fixture, or its pose in the fixture."""
+class ErrorByCause(Document):
+    """Errors of the object alone from one cause: strikes, fixture, or the object's pose in the fixture."""
 
     cause: str
     """cause in words"""
@@ -41,5 +41,5 @@ class FixtureResult(Document):
     """their centre of mass [m, in O]"""
     struck_inertia: Quantity
     """their inertia tensor about that centre [kg m^2]"""
-    errors: list[FixtureError]
+    errors: list[ErrorByCause]
     """errors of the object alone by their cause; their squares add up for the centre of mass"""

@@ -9,7 +9,7 @@ import numpy as np
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.result.digits import with_interval
 from analyze.result.quantities import com_quantity, inertia_quantity, quantity
-from schemas.fixture_result import FixtureError, FixturePart, FixtureResult
+from schemas.fixture_result import ErrorByCause, FixturePart, FixtureResult
 
 if TYPE_CHECKING:
     from analyze.pipeline.fixture import FixtureEstimate
@@ -37,7 +37,7 @@ def fixture_document(fixture: FixtureEstimate | None) -> FixtureResult | None:
         struck_centre_of_mass=com_quantity(struck.com),
         struck_inertia=inertia_quantity(struck),
         errors=[
-            FixtureError(
+            ErrorByCause(
                 cause=share.cause,
                 com_sd_m=np.sqrt(np.diag(share.com_covariance)).tolist(),
                 inertia_sd_kg_m2=share.tensor_sd.tolist(),
