@@ -263,7 +263,7 @@ def kills(archive: Path, folder: Path, sessions: int) -> None:
 
 
 def bucket(folder: Path) -> None:
-    """Run the part through an S3 server on loopback, and measure the bytes read for the small topics."""
+    """Run the archive's part through an S3 server on loopback; print time and bytes of the small topics."""
     from moto.server import ThreadedMotoServer
 
     logging.getLogger("werkzeug").setLevel(logging.ERROR)

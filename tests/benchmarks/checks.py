@@ -80,7 +80,7 @@ def with_crumb(evidence: Evidence, strike_id: str, crumb: float) -> Evidence:
 
 
 def drawn(count: int) -> Iterator[Evidence]:
-    """Iterate over `count` simulated sessions."""
+    """Yield the evidence of `count` simulated sessions."""
     shape = made = 0
     while made < count:
         for seed in SEEDS:

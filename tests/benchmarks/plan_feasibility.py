@@ -83,7 +83,7 @@ def _carried_out(name: str, on: Bench, chosen: list[Trial]) -> list[tuple[str, T
 
 
 def _why(row: tuple[str, Trial, str, float, Seen]) -> str:
-    """Kind of a misclassified strike."""
+    """Kind, in words, of a strike whose outcome was predicted wrongly: prediction, outcome, and cause."""
     _, trial, expected, slip, seen = row
     if seen.outcome == "lifts":
         return f"{expected}, lifts: pushed from under its edge (struck low) or thrown; both are refused alike"

@@ -68,7 +68,7 @@ def far_prior(com):
 
 
 def test_strikes_that_the_others_leave_open_are_not_accused():
-    """Edges of one vertex, a lump inside: strikes fail the linear prediction, none the likelihood ratio."""
+    """Edges of one vertex, a lump inside: strikes fail the linear prediction, not the likelihood ratio."""
     moments = replace(drawn_sessions.model(LUMP), prior=far_prior)
     failed, nonsense = 0, 0
     for seed in range(12):

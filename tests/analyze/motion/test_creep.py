@@ -86,7 +86,10 @@ def test_an_offset_is_not_determined_by_a_creeping_edge():
 
 
 def test_a_misstated_radius_does_not_pass_for_sliding():
-    """Edges of 0.3 and 2 mm, stated as 1.15: two slid by 0.7 mm, it seemed, and k was 3.7 of its sd off."""
+    """Edges of 0.3 and 2 mm are stated as 1.15 mm: no fit takes the error for sliding.
+
+    Two seemed to slide by 0.7 mm before, which put k off by 3.7 sd.
+    """
     scores = []
     for seed in range(2, 6):
         rng = np.random.default_rng((seed, 9))

@@ -37,8 +37,10 @@ def test_the_verdict_matches_the_simulated_kind_of_strike(kind):
 
 @pytest.mark.parametrize(("kind", "seed", "index"), [("struck twice", 5, 1), ("airborne", 3, 6)])
 def test_bad_strikes_once_judged_good_are_rejected(kind, seed, index):
-    """A second impact that the balance took for a creeping edge, 9 degrees off; a flight that began after the
-    balance point, at E = 8."""
+    """A second impact that looked like a creeping edge, and a flight after the balance point, are rejected.
+
+    The first put phi off by 9 degrees; the second has the energy ratio 8.
+    """
     rng = np.random.default_rng([seed, 100 + KINDS.index(kind)])
     found = [draw(kind, rng) for _ in range(index + 1)][index].analysed()
     assert found.verdict in EXPECTED[kind], found.reason
@@ -76,8 +78,10 @@ def test_moment_balance_is_unbiased_where_the_edge_slides():
 
 
 def test_moment_balance_models_a_rolling_edge():
-    """Without noise k is as good with a rounding of 3 mm as with none; taken for a hinge it is 0.12 %
-    greater."""
+    """Without noise k is as good with a rounding of 3 mm as with none.
+
+    Taken for a hinge such an edge makes k 0.12 % greater.
+    """
     found = []
     for rho in (0.0, 0.003):
         body, course = struck(0.6, 1.1, 0.75, rho)

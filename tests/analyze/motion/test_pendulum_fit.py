@@ -1,5 +1,4 @@
-"""The pendulum fit against a rolling body solved by an independent integrator: bias, efficiency, coverage,
-speed."""
+"""Pendulum fit of a rolling body that an independent integrator solves: bias, efficiency, coverage, speed."""
 
 import time
 from dataclasses import dataclass

@@ -1,5 +1,4 @@
-"""phi and k of bodies that roll on a curved flank: against Newton's equations on the true curve, and against
-MuJoCo."""
+"""phi and k of bodies that roll on a curved flank, against Newton's equations and against MuJoCo."""
 
 from __future__ import annotations
 

@@ -20,8 +20,7 @@ def on_the_back():
 
 
 def test_a_turned_strike_is_tracked_and_fitted():
-    """The object really tips towards W's -x and shows the camera its other side: yawed by half a turn against
-    the station."""
+    """A strike with the object yawed by half a turn: it tips towards W's -x and shows its other side."""
     tip = simulate(energy=1.08)
     strike = planned(phi=tip.phi).model_copy(update={"heading_rad": np.pi})
     track = track_of(tip, np.random.default_rng(1), mark=on_the_back(), yaw=np.pi)

@@ -80,6 +80,6 @@ BARE = session(BODY, np.random.default_rng(0), repeats=1)
 
 
 def com_of(evidence: Evidence) -> CentreOfMass:
-    """Centre of mass alone, from the balance angles, which is quick."""
+    """Centre of mass by the strikes' balance angles alone, without moments: quicker than a whole estimate."""
     prior = ComPrior.from_bounds(*evidence.model.bounds)
     return centre_of_mass(equiplanes(evidence, evidence.motions), systematic_errors(evidence), prior)

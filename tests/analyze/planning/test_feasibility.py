@@ -1,5 +1,7 @@
-"""Lift and slip of an edge compared with results by hand and, in a small form of
-`make bench-plan-feasibility`, with an independent simulation."""
+"""Predicted lift and slip of an edge, against results by hand and an independent simulation.
+
+The simulation is a small form of `make bench-plan-feasibility`.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +27,10 @@ def box(height, friction, energy=1.15, **more):
 
 
 def test_strike_height_decides_whether_a_box_slides():
-    """Independent simulation at mu = 0.3: struck at 100 mm it slides 23 mm and does not tip, at 145 mm it
-    slips 0.01 mm, at 198 mm 0.5 mm."""
+    """Predicted slip of a box at friction 0.3 against an independent simulation, at three strike heights.
+
+    Struck at 100 mm it slides 23 mm and does not tip, at 145 mm it slips 0.01 mm, at 198 mm 0.5 mm.
+    """
     result = simulate_tips([box(height, 0.3) for height in (0.1, 0.145, 0.198)], G)
     assert result.over.tolist() == [False, True, True]
     low, best, top = result.slip
@@ -36,8 +40,10 @@ def test_strike_height_decides_whether_a_box_slides():
 
 
 def test_friction_needed_by_the_impulse_is_that_of_method_1_4():
-    """|R*cos phi - I_edge/(m*h)| <= mu*R*sin phi for a short, hard strike, in which gravity's part is
-    small."""
+    """Friction needed by a short, hard strike: |R*cos phi - I_edge/(m*h)| <= mu*R*sin phi.
+
+    Gravity's part is small then.
+    """
     for height in (0.12, 0.13, 0.16, 0.19):
         needed = abs(R * np.cos(PHI) - I_EDGE / (MASS * height)) / (R * np.sin(PHI))
         held, slid = simulate_tips(
@@ -59,8 +65,10 @@ def test_fast_swing_lifts_off_the_table():
 
 
 def test_smallest_load_is_that_of_the_pendulum():
-    """At release b = phi: N/(m*g) = 1 - k*R*sin^2(phi)/g - R*cos(phi)*rate^2/g, least there for a tall
-    box."""
+    """Load at release, b = phi: N/(m*g) = 1 - k*R*sin^2(phi)/g - R*cos(phi)*rate^2/g.
+
+    It is least there for a tall box.
+    """
     k = MASS * G * R / I_EDGE
     rate2 = 2 * 1.15 * k * (1 - np.cos(PHI))
     load = simulate_tips([box(0.145, 5.0)], G).least_load[0]

@@ -74,8 +74,11 @@ def upright_axes(spec, model):
     ],
 )
 def test_moulded_edge_tips_at_the_predicted_angle_and_energy(radius, declared, turned):
-    """If the rounding were taken for a sharp corner, a plan would give 0.82 of the energy at 15 mm, and 0.16
-    if it were declared as well."""
+    """Angle and energy of a tip over a moulded rounding are those of the plan.
+
+    If the rounding were taken for a sharp corner, a plan would give 0.82 of the energy at 15 mm, and 0.16 if
+    it were declared as well.
+    """
     spec, model = moulded(radius, radius if declared else 0.0, turned)
     believed, axes = upright_axes(spec, model)
     assert len(axes) == 2

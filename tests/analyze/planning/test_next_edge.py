@@ -47,7 +47,7 @@ def plan_of(kind: str, seed: int) -> StrikePlan:
 
 
 def axis_strike(axis: PivotAxis):
-    """Strike that has an axis's place, for the geometry only."""
+    """Planned strike with the rest pose and pivot of an axis; its other entries have no meaning."""
     strike = planned(0.0)
     pivot = strike.pivot.model_copy(update={"point": axis.point.tolist(), "sd_m": axis.sd})
     return strike.model_copy(update={"R_world_object": axis.R_world_object.tolist(), "pivot": pivot})

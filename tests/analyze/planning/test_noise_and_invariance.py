@@ -126,8 +126,10 @@ def test_cylinder_of_many_sides_rests_on_its_ends_only():
 
 @pytest.mark.parametrize("turn", range(12))
 def test_needle_shaped_face_keeps_its_tip(turn):
-    """A wedge with a triangular face of 0.3 degrees: its tip was lost if it was in the middle of the sorted
-    corners."""
+    """The triangular face of a wedge of 0.3 degrees keeps its tip at any turn.
+
+    The tip was lost where it was in the middle of the sorted corners.
+    """
     points = np.array([[0, 0, 0], [200, 0, 0], [199, 1, 0], [190, 20, 120], [100, 5, 60]], dtype=float)
     mesh = trimesh.convex.convex_hull(
         points @ Rotation.from_euler("xyz", [turn, 0.5 * turn, 0.3]).as_matrix().T

@@ -82,8 +82,10 @@ def test_square_base_takes_the_objects_axes():
 
 
 def test_eq_2_is_energy_over_the_path_of_the_force():
-    """Impact 0.2 m above and 0.06 m behind the edge: m*g*(|r| - 0.2) over the path along the force while r
-    turns by 5 degrees."""
+    """Force of eq. 2 for an impact 0.2 m above and 0.06 m behind the edge.
+
+    It is m*g*(|r| - 0.2) over the path along the force while r turns by 5 degrees.
+    """
     up, inwards = np.array([0, 0, 1.0]), np.array([-1.0, 0, 0])
     force = impact_force(np.zeros(3), np.array([-0.06, 0, 0.2]), up, inwards, weight=0.5)
     start = np.arctan2(0.2, -0.06)

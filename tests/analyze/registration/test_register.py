@@ -1,5 +1,4 @@
-"""Tags stuck on anywhere are found where they are; what cannot be known is said; wrong placements are
-named."""
+"""Tags stuck on anywhere are found, open directions are reported, and wrong placements are named."""
 
 from __future__ import annotations
 
@@ -68,8 +67,7 @@ def test_a_marker_seen_only_at_rest_is_reported_undetermined(case):
 
 
 def test_one_edge_without_a_surface_leaves_the_place_along_it_open(case, monkeypatch):
-    """A tag that does not lie flat on a face: along the edge it may be anywhere, and another face is asked
-    for."""
+    """A tag that does not lie flat on a face may be anywhere along the edge: another face is asked for."""
     box, views = case
     monkeypatch.setattr("analyze.registration.surface.MAX_TILT_ON_SURFACE", -1.0)
     monkeypatch.setattr("analyze.registration.surface.MAX_HEIGHT_ON_SURFACE", -1.0)
@@ -90,8 +88,10 @@ def test_a_misread_frame_leaves_the_fit_without_it_converged(case):
 
 
 def test_a_tip_over_a_curved_flank_is_left_out():
-    """A rounding of 8 mm that the mesh has and the object file does not name: the line that keeps its height
-    is 8 mm over the edge."""
+    """A strike over a rounding of 8 mm, in the mesh but not in the object file, is left out.
+
+    The line that keeps its height is 8 mm over the edge.
+    """
     rng = np.random.default_rng(11)
     box = draw_box(rng, edges=1)
     believed = {}

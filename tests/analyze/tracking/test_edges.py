@@ -1,5 +1,7 @@
-"""Corners against an independent renderer: no half-pixel bias, little noise, honest sd, and the per-frame
-angle of the method's targets."""
+"""Corners against an independent renderer: no half-pixel bias, little noise, honest sd.
+
+The angle of a frame meets the method's target.
+"""
 
 from dataclasses import dataclass
 
@@ -40,8 +42,11 @@ class Errors:
 
 
 def views(camera, px, count, rng, turned_deg=(0, 360), develop=lambda image: image, **look):
-    """Tags at random places, tilted by up to 8 deg, turned in the image by anything in `turned_deg`;
-    `develop` is done to each image."""
+    """Errors of corners and angles of `count` tags in rendered images, `px` wide, with the reported sd.
+
+    The tags are at random places, tilted by up to 8 deg, and turned in the image by an angle drawn from the range
+    `turned_deg` [deg]. `develop` is applied to each image; `look` has the fields of `Look`.
+    """
     errors, sds, angles = [], [], []
     depth = camera.K[0, 0] * SIZE / px
     for _ in range(count):
@@ -120,8 +125,10 @@ def sharpened(image, amount):
 
 
 def test_edges_that_a_phone_sharpened_are_found(camera, rng):
-    """Unsharp masking, twice the difference to a blur of 1 px: a step that overshoots by a third of its
-    height on either side."""
+    """Corners of an image with unsharp masking, twice the difference to a blur of 1 px, are found.
+
+    The step then overshoots by a third of its height on either side.
+    """
     errors = views(
         camera, 80, 15, rng, develop=lambda image: sharpened(image, 2.0), white=160, black=80, blur=0.5
     )

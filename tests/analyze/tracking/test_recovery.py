@@ -1,5 +1,7 @@
-"""A tag that is hidden, jumps or is blurred by its motion: found again, at the middle of the exposure, with
-the sd that its errors have."""
+"""A tag that is hidden, jumps or is blurred by its motion is found again, with an honest sd.
+
+A blurred one is measured at the middle of the exposure.
+"""
 
 import cv2
 import numpy as np

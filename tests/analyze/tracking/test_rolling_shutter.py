@@ -1,5 +1,4 @@
-"""A tip seen by a camera that reads its rows one after the other: without its line time phi and k are off,
-with it they are not.
+"""A tip seen by a camera that reads its rows in turn: phi and k are right only with its line time.
 
 Each point of the tag is drawn where it is at the time at which its own row is read (the row that it falls on:
 solved for), so that edges bow and shear as a sensor shows them. Not modelled: exposure time.
