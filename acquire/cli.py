@@ -154,7 +154,7 @@ def demo(
     object_name: str,
     truth: Path | None,
     seed: int,
-    address: str,
+    address: str | None,
     output: Path,
     force: bool,
     as_json: bool,
@@ -164,10 +164,11 @@ def demo(
     from acquire.console.session import SessionProgress
     from acquire.demo import DemoPlan, fresh_output, replaced_output, run_demo
     from acquire.virtual.devices import DeviceOptions
+    from acquire.virtual.gige_sockets import free_address
 
     refuse_truth_of_ours(object_name, truth)
     place = replaced_output(output) if force else fresh_output(output)
-    devices = DeviceOptions(object_name, seed, address, truth)
+    devices = DeviceOptions(object_name, seed, address or free_address(), truth)
     with SessionProgress() as progress:
         report = run_demo(devices, place, plan=DemoPlan(**plan_options), progress=progress)
     _print_session(report, as_json)
@@ -184,12 +185,13 @@ def demo(
     help="Folder for the rig file.",
 )
 @_one_line_errors
-def virtual(object_name: str, truth: Path | None, seed: int, address: str, folder: Path) -> None:
+def virtual(object_name: str, truth: Path | None, seed: int, address: str | None, folder: Path) -> None:
     """Run a virtual camera and striker, to rehearse `check`, `run`, `session` and `stop` without hardware.
 
     Prints the commands to use and ends on Ctrl-C.
     """
     from acquire.virtual.devices import DeviceOptions
+    from acquire.virtual.gige_sockets import free_address
     from acquire.virtual.rehearsal import rehearse
 
     refuse_truth_of_ours(object_name, truth)
@@ -198,7 +200,7 @@ def virtual(object_name: str, truth: Path | None, seed: int, address: str, folde
         click.echo(line)
         sys.stdout.flush()
 
-    rehearse(DeviceOptions(object_name, seed, address, truth), folder, show)
+    rehearse(DeviceOptions(object_name, seed, address or free_address(), truth), folder, show)
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,9 @@ def virtual_options(command: Any) -> Any:
     """Decorator that adds the options of a virtual rig: object, truth file, seed, camera address."""
     for option in (
         click.option(
-            "--address", default="127.0.0.1", help="Loopback address of the virtual camera; one per rig."
+            "--address",
+            help="Loopback address of the virtual camera; one per rig.  [default: the first free one from "
+            "127.0.0.1]",
         ),
         click.option(
             "--seed", default=1, type=click.IntRange(0), help="Seed of everything random in the virtual rig."

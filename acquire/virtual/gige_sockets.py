@@ -59,8 +59,21 @@ def claim_control_port(address: str, clock: Clock) -> socket.socket:
                 clock.sleep(0.05)
     raise CameraError(
         f"virtual camera: UDP port {GVCP_PORT} of {address} is in use: another virtual camera runs; "
-        "stop it or give another address"
+        "stop it, or give another address (--address 127.0.0.2)"
     )
+
+
+def free_address() -> str:
+    """First loopback address from 127.0.0.1 to 127.0.0.32 at which no virtual camera runs.
+
+    127.0.0.1 if none is free: the camera reports that when it starts.
+    """
+    for last in range(1, 33):
+        address = f"127.0.0.{last}"
+        with contextlib.suppress(OSError):
+            udp_socket(address, GVCP_PORT).close()
+            return address
+    return LOOPBACK
 
 
 def adopt_fake_sockets(descriptors_before: set[int], address: str) -> socket.socket:

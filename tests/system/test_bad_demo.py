@@ -99,7 +99,7 @@ def test_a_camera_address_in_use_ends_the_demo_and_keeps_the_older_recording(sho
     assert output == ""
     (line,) = [line for line in errors.splitlines() if not line.startswith("starting: ")]
     assert f"UDP port 3956 of {TAKEN_ADDRESS} is in use" in line
-    assert "stop it or give another address" in line
+    assert "stop it, or give another address (--address" in line
     assert older.read_text() == "older"
     assert names_in(short_folder) == {"r.mcap"}
     assert processes_of(short_folder) == []

@@ -16,7 +16,7 @@ from acquire.camera.discovery import identify_camera, is_controlled
 from acquire.clock.clock import SystemClock
 from acquire.errors import CameraError
 from acquire.virtual.gige_camera import DeviceClock, VirtualGigeCamera
-from acquire.virtual.gige_sockets import descriptors
+from acquire.virtual.gige_sockets import descriptors, free_address, udp_socket
 from acquire.virtual.image_source import StreamSettings
 from tests.acquire.virtual.pattern_source import PatternSource, noise, read_stamp, stamped
 from tests.loopback import loopback
@@ -128,6 +128,12 @@ def test_port_in_use_is_one_line(camera: VirtualGigeCamera) -> None:
     ):
         VirtualGigeCamera(ADDRESS, "S2", PatternSource(clock, 7), clock)
     assert identify_camera(ADDRESS) is not None  # the first one is unharmed
+
+
+def test_a_free_address_is_one_where_no_camera_runs() -> None:
+    first = free_address()
+    with udp_socket(first, 3956):
+        assert free_address() != first
 
 
 def test_an_address_of_another_host_is_refused(nothing_left) -> None:
