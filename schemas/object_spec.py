@@ -18,6 +18,7 @@ from schemas.document import Document, DocumentError, Matrix4, Vector3, check_po
 from schemas.fixture import FIXTURE_KEYS, FixtureBody, HeldObject, check_fixture
 from schemas.part_label import LABEL_KEYS_AFTER_1_0, PartLabel, check_labels
 from schemas.tags import USUAL_FAMILY, TagFamily, marker_name
+from schemas.toml_problem import quoted_line
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -236,7 +237,8 @@ class ObjectSpec(Document):
     )
     held: HeldObject | None = Field(default=None, description="how closely the object sits in its fixture")
     marker: list[MarkerSpec] = Field(
-        min_length=1, description="markers on the object: id, size_m and T_object_marker of each"
+        min_length=1,
+        description="for each tag on the object: id, size_m, and T_object_marker if its place is known",
     )
 
     @field_validator("shell_thickness_m", "edge_radius_m")
@@ -285,6 +287,12 @@ class ObjectSpec(Document):
         return self
 
 
+class UntaggedObjectSpec(ObjectSpec):
+    """An object file that need not list any marker: enough for the shape, and for a fixture with tags."""
+
+    marker: list[MarkerSpec] = Field(default_factory=list, description="as in ObjectSpec; may be left out")
+
+
 def _in_metres(length: float) -> float:
     """Length [m] of a wall's thickness or an edge's radius, unchanged.
 
@@ -311,6 +319,18 @@ def read_object_spec(path: Path) -> ObjectSpec:
     return parse_object_spec(read_text(path), str(path))
 
 
+def read_untagged_object_spec(path: Path) -> ObjectSpec:
+    """Read and validate an object file (TOML) that need not list any marker.
+
+    Returns:
+        As `read_object_spec`; the list of markers may be empty.
+
+    Raises:
+        DocumentError: the file is missing, is not TOML, or holds an entry that cannot be used.
+    """
+    return validate(UntaggedObjectSpec, _toml_table(read_text(path), str(path)), str(path))
+
+
 def parse_object_spec(text: str, name: str) -> ObjectSpec:
     """Validate an object specification given as TOML text.
 
@@ -324,13 +344,21 @@ def parse_object_spec(text: str, name: str) -> ObjectSpec:
     Raises:
         DocumentError: the text is not TOML, or holds an entry that cannot be used.
     """
+    return validate(ObjectSpec, _toml_table(text, name), name)
+
+
+def _toml_table(text: str, name: str) -> dict[str, Any]:
+    """Tables and values of an object file's text.
+
+    Raises:
+        DocumentError: the text is not TOML; the message quotes the line.
+    """
     try:
-        data = tomllib.loads(text)
+        return tomllib.loads(text)
     except ValueError as error:  # tomllib.TOMLDecodeError, and int's refusal of thousands of digits
-        raise DocumentError(f"{name}: not valid TOML: {error}") from None
+        raise DocumentError(f"{name}: not valid TOML: {error}{quoted_line(text, str(error))}") from None
     except RecursionError:
         raise DocumentError(f"{name}: not an object file: its brackets are nested too deeply") from None
-    return validate(ObjectSpec, data, name)
 
 
 def object_sha256(spec: ObjectSpec, shape_bytes: bytes | None) -> str:

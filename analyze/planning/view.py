@@ -76,7 +76,7 @@ def default_camera() -> CameraModel:
 
 
 def refuse_off_surface(model: ObjectModel, spec: ObjectSpec) -> None:
-    """Refuse a marker whose centre is not on the surface, as with a wrong frame or unit of its pose.
+    """Refuse a marker off the surface or facing into the object: a wrong frame, unit or sign in its pose.
 
     The marker may extend beyond an edge. Within a gap of the scan the surface is uncertain by the gap's
     width. The model of a point cloud is its hull, with hollows filled: a marker may lie below it by the
@@ -87,7 +87,7 @@ def refuse_off_surface(model: ObjectModel, spec: ObjectSpec) -> None:
         spec: Markers, with their poses in the object frame.
 
     Raises:
-        PlanError: a marker is off the surface; the message has its name and distance.
+        PlanError: a marker is off the surface, or faces inward; the message has its name, and its distance.
     """
     cloud = model.cloud
     unsure = model.surface_sd if cloud is None else float(np.hypot(model.surface_sd, cloud.smooth_sd))
@@ -101,12 +101,37 @@ def refuse_off_surface(model: ObjectModel, spec: ObjectSpec) -> None:
         if model.scanned is not None:
             most += model.scanned.uncertainty_at(centre)
         if -most - hollow <= outside <= most:
+            _refuse_inward(model, spec, marker, 2 * most)
             continue
         where = "outside" if outside > 0 else "inside"
         raise PlanError(
             f"{spec.name}: marker {marker.name} lies {1000 * abs(outside):.0f} mm {where} the surface, its "
             f"centre must lie on it (within {1000 * most:.0f} mm): correct T_object_marker, "
             "its last column is the centre in the shape's frame, in metres"
+        )
+
+
+def _refuse_inward(model: ObjectModel, spec: ObjectSpec, marker: MarkerSpec, step: float) -> None:
+    """Refuse a marker on the surface whose front is inside the object and whose back is outside.
+
+    Where both are outside (a thin plate) or inside (a recess), nothing is refused.
+
+    Args:
+        model: Shape of the object.
+        spec: The object, for its name.
+        marker: Marker with a pose.
+        step: Distance [m] in front of the marker, and behind it, at which the shape is asked.
+
+    Raises:
+        PlanError: the marker faces inward.
+    """
+    pose = np.array(marker.T_object_marker)
+    centre, out = pose[:3, 3], pose[:3, 2]
+    front, back = model.depth(np.array([centre + step * out, centre - step * out]))
+    if front > 0 > back:
+        raise PlanError(
+            f"{spec.name}: marker {marker.name} faces into the object: correct T_object_marker, its third "
+            "column is the direction out of the tag's face, the first points right on it, the second up"
         )
 
 

@@ -7,7 +7,12 @@ from pathlib import Path
 
 from analyze.errors import ShapeError
 from schemas.document import DocumentError
-from schemas.object_spec import ObjectSpec, object_sha256, read_object_spec
+from schemas.object_spec import ObjectSpec, object_sha256, read_object_spec, read_untagged_object_spec
+
+SHAPE_SUFFIXES = frozenset(
+    {".stl", ".obj", ".ply", ".glb", ".gltf", ".3mf", ".pcd", ".xyz", ".las", ".laz", ".step", ".stp"}
+)
+"""endings of shape files, and of CAD files that people give in their place"""
 
 
 @dataclass(frozen=True)
@@ -32,6 +37,7 @@ def read_spec(spec_path: Path) -> ObjectSpec:
     Raises:
         ShapeError: the specification is missing, cannot be read, or holds an entry that cannot be used.
     """
+    _refuse_shape_file(spec_path)
     try:
         return read_object_spec(spec_path)
     except DocumentError as error:
@@ -49,7 +55,45 @@ def read_object_files(spec_path: Path) -> ObjectFiles:
         ShapeError: either file is missing or cannot be read, or the specification holds an entry that cannot
             be used.
     """
-    spec = read_spec(spec_path)
+    return _with_shape(read_spec(spec_path), spec_path)
+
+
+def read_untagged_object_files(spec_path: Path) -> ObjectFiles:
+    """Read an object specification that need not list any marker, and the shape file that it names.
+
+    Returns:
+        As `read_object_files`; the list of markers may be empty.
+
+    Raises:
+        ShapeError: either file is missing or cannot be read, or the specification holds an entry that cannot
+            be used.
+    """
+    _refuse_shape_file(spec_path)
+    try:
+        return _with_shape(read_untagged_object_spec(spec_path), spec_path)
+    except DocumentError as error:
+        raise ShapeError(str(error)) from None
+
+
+def _refuse_shape_file(path: Path) -> None:
+    """Refuse a mesh or point cloud in place of the object file.
+
+    Raises:
+        ShapeError: the path exists and ends like a shape file.
+    """
+    if path.suffix.lower() in SHAPE_SUFFIXES and path.is_file():
+        raise ShapeError(
+            f"{path}: is a shape file, not an object file: write an object file (.toml, see "
+            f'docs/how-to/object-file.md) with [shape], file = "{path.name}" and its unit'
+        )
+
+
+def _with_shape(spec: ObjectSpec, spec_path: Path) -> ObjectFiles:
+    """Specification with the content of the shape file that it names, in the folder of `spec_path`.
+
+    Raises:
+        ShapeError: the shape file is missing or cannot be read.
+    """
     if spec.shape.file is None:
         return ObjectFiles(spec, None, spec_path.name, object_sha256(spec, None))
     shape_path = spec_path.parent / spec.shape.file

@@ -167,6 +167,16 @@ def test_tag_within_the_accuracy_of_a_hand_measurement_is_accepted():
     check([marker | {"thickness_m": 0.004} for marker in moved(0.006)])
 
 
+@pytest.mark.parametrize("index", range(4))
+def test_tag_that_faces_into_the_object_is_refused(index):
+    markers = side_markers()
+    pose = np.array(markers[index]["T_object_marker"])
+    pose[:3, 1:3] *= -1
+    markers[index]["T_object_marker"] = pose.tolist()
+    with pytest.raises(PlanError, match=f"marker {index} faces into the object: correct T_object_marker"):
+        check(markers)
+
+
 def test_surface_error_widens_the_tolerance():
     with pytest.raises(PlanError):
         check(moved(0.008))
