@@ -44,8 +44,8 @@ class Errors:
 def views(camera, px, count, rng, turned_deg=(0, 360), develop=lambda image: image, **look):
     """Errors of corners and angles of `count` tags in rendered images, `px` wide, with the reported sd.
 
-    The tags are at random places, tilted by up to 8 deg, and turned in the image by an angle drawn from the range
-    `turned_deg` [deg]. `develop` is applied to each image; `look` has the fields of `Look`.
+    The tags are at random places, tilted by up to 8 deg, and turned in the image by an angle drawn from the
+    range `turned_deg` [deg]. `develop` is applied to each image; `look` has the fields of `Look`.
     """
     errors, sds, angles = [], [], []
     depth = camera.K[0, 0] * SIZE / px
