@@ -32,7 +32,10 @@ SHAPE = shape_prior(BODY.cells)
 
 
 def estimate(rng, noise=1.0, scale=SCALE):
-    """Session with all modelled errors drawn: of the table, of all edges, of each edge, of each strike."""
+    """Equi-planes of a session with all modelled errors, `noise` times as large, and the estimate from them.
+
+    The errors are those of the table, of all edges, of each edge and of each strike.
+    """
     tilt, radius, gravity = (
         noise
         * rng.normal(0, 1, 3)

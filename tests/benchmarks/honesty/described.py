@@ -184,7 +184,7 @@ def _moved_faces(
 
 
 def _cloud(body: TrueBody, sd: float, rng: np.random.Generator) -> bytes:
-    """Point cloud [mm] of the true, rounded surface with noise."""
+    """XYZ file (text) of a point cloud [mm] of the true, rounded surface, with noise of 1 sigma `sd` [m]."""
     triangles = np.concatenate(body.pieces)
     area = np.linalg.norm(
         np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1
