@@ -30,7 +30,10 @@ TAG_REMEDIES = {
         "move or turn the camera (camera.calibration in the rig file), or glue the tags where it sees the "
         "whole tip"
     ),
-    "no_marker": "glue markers to the faces square to the edges",
+    "no_marker": (
+        "glue markers to the faces square to the edges, or, without such faces, print a base "
+        "(`analyze fixture`)"
+    ),
     "hidden": "glue the tags where no part of the object stands before them",
 }
 """Remedies by code of a marker's fault, the easiest first."""
