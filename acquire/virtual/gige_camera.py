@@ -347,8 +347,8 @@ class VirtualGigeCamera:
         image is left, the buffer's time is set to 0. Must not raise.
         """
         with self._condition:
-            # The fake starts on its own, before the relay has reported the start: only its register tells
-            # that from the end of a stream.
+            # The fake starts on its own, before the relay has reported the start: only its register
+            # distinguishes that from the end of a stream.
             self._condition.wait_for(
                 lambda: (
                     self._slots or self._closed or not self._library.read_register(self._fake, _ACQUISITION)

@@ -38,7 +38,7 @@ def refuse_implausible(name: str, extent: Array, volume: float, mass: float, uni
 
 
 def refuse_size(name: str, extent: Array, unit: LengthUnit | None) -> None:
-    """Raise ShapeError unless the longest edge (3,) [m] is that of an object to strike.
+    """Raise ShapeError unless the bounding box's longest edge is from `MIN_EXTENT` to `MAX_EXTENT`.
 
     Args:
         name: Name of the shape, for the message.
@@ -54,7 +54,7 @@ def refuse_size(name: str, extent: Array, unit: LengthUnit | None) -> None:
 
 
 def _size(extent: Array, unit: LengthUnit | None) -> str:
-    """Edges `extent` (3,) [m] of the bounding box in words, for messages, with the declared unit if any."""
+    """Text of the bounding box's edges `extent` (3,) [m], with the declared unit if any, for messages."""
     scale, word = (1.0, "m") if float(extent.max()) > MAX_EXTENT else (1000.0, "mm")
     given = "" if unit is None else f' with unit = "{unit.value}"'
     return " x ".join(f"{edge * scale:.4g}" for edge in extent) + f" {word}{given}"

@@ -76,7 +76,7 @@ def alternatives_alone(
     fixture: FixtureEstimate | None,
     inertial: InertialParameters,
 ) -> tuple[Alternative, ...]:
-    """What-ifs (other assumptions) with the changes they bring for the object alone, not the struck body.
+    """Changes of the object alone under what-ifs (other assumptions), from those of the struck body.
 
     Shifts of the centre of mass are multiplied by the mass of the struck body over that of the object, and
     relative changes of the moments by the trace of its tensor over that of the object's.

@@ -107,7 +107,7 @@ def prepare_object(
     of Q. If these axes do not determine c to `MAX_COM_ERROR` of the body's size, edges whose tags the camera
     sees only with object and striker turned by 180 degrees are added; then axes on lines that land before
     balance and over which it then balances. Then the same is done for half of Q, then for its centre alone;
-    at last rounded or bevelled edges are added of which it is open which of several close lines carries. The
+    at last rounded or bevelled edges are added, of whose several close lines any may carry at balance. The
     first axes that determine c at all are kept if the others do not make its error smaller by `WORTHWHILE`.
 
     Args:
@@ -260,7 +260,11 @@ class _Search:
         return failed
 
     def _suffices(self) -> bool:
-        """True if the usable axes determine the centre of mass to `MAX_COM_ERROR` of the body's size."""
+        """Update information and error of the usable axes; True if the error is at most `MAX_COM_ERROR`.
+
+        The error is that of the centre of mass, over the body's size. The first state that determines the
+        centre of mass at all is kept in `first`.
+        """
         self.information = replace(self.information, candidates=tuple(each.candidate for each in self.usable))
         self.com_error = design.usual_com_rms(self.information)
         if self.first is None and np.isfinite(self.com_error):

@@ -29,7 +29,7 @@ PAGE: Final = 4096
 
 @dataclass(frozen=True)
 class Head:
-    """What a copy has in place of the recording's own: manifest as JSON, and the files attached to it."""
+    """Manifest (JSON) and attached files that a copy has in place of the recording's own."""
 
     manifest_json: str
     """manifest (description of the session) as JSON"""

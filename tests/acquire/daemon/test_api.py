@@ -187,7 +187,7 @@ def test_another_user_is_refused(open_folder):
     """The server refuses a peer by the user id that the kernel reports; the file modes permit access here.
 
     As root the test sends the request as another user. An ordinary user cannot do that: the server is then
-    told to serve another user.
+    set to serve another user.
     """
     root = os.getuid() == 0
     served, speaker = (0, (NOBODY,)) if root else (os.getuid() + 1, ())
