@@ -176,11 +176,10 @@ def _covariance(
     n = len(sample.time)
     (slip, lift, radius), (frames, shared) = edge, known
     step = 1e-5
-    moved = np.concatenate([np.zeros((n, 1)), step * np.eye(n)], axis=1)
-    still = np.zeros((n, n + 1))
-    parameters = np.repeat(x[None], n + 1, axis=0)
-    by_slip = driven_theta(sample.time, parameters, slip[:, None] + moved, lift[:, None] + still, radius)
-    by_lift = driven_theta(sample.time, parameters, slip[:, None] + still, lift[:, None] + moved, radius)
+    moved, still = np.concatenate([np.zeros((n, 1)), step * np.eye(n)], axis=1), np.zeros((n, n + 1))
+    slips, lifts = np.hstack([moved, still]) + slip[:, None], np.hstack([still, moved]) + lift[:, None]
+    parameters = np.repeat(x[None], 2 * (n + 1), axis=0)
+    by_slip, by_lift = np.hsplit(driven_theta(sample.time, parameters, slips, lifts, radius), 2)
     # (n, n, 3): derivative of the residual of frame i by the errors of frame j's theta, slip and lift.
     effect = np.stack(
         [np.eye(n), -(by_slip[:, 1:] - by_slip[:, :1]) / step, -(by_lift[:, 1:] - by_lift[:, :1]) / step],
@@ -242,11 +241,17 @@ def driven_theta(
     state = parameters[:, 2:4].T.copy()
     by_g = k / G
     rolled, by_rounding = radius * k / _R_TIMES_K, radius * by_g
+    twice_by_rounding = 2.0 * by_rounding
     found = np.empty((len(time), len(phi)))
     found[0] = state[0]
-    noise = np.zeros((2, 2, 1))
+    gaps = np.diff(time)
+    # (n - 1, c) speeds of the edge, times k / g, from frame to frame.
+    slips, lifts = (
+        by_g * (np.diff(path.reshape(len(time), -1), axis=0) / gaps[:, None]) for path in (slip, lift)
+    )
+    noise: tuple[Array, Array] | None = None
 
-    def rate(state: Array, s: Array, z: Array, noise: Array) -> Array:
+    def rate(state: Array, s: Array, z: Array, noise: tuple[Array, Array] | None) -> Array:
         """Time derivative (2, c) of the state of c motions: of tipping angle and Omega [rad/s, rad/s^2].
 
         Omega = theta' + (cos psi + rho / R) s + sin psi z is the angular speed theta' plus a term in the
@@ -257,7 +262,8 @@ def driven_theta(
             state: (2, c) tipping angle [rad] and Omega [rad/s].
             s: (c,) speed of the edge along the table, times k / g [rad/s].
             z: (c,) speed of the edge off the table, times k / g [rad/s].
-            noise: (2, 2, c) covariance of the noise of s and z [rad^2/s^2].
+            noise: difference (c,) of the variances of the noise of s and z, and their covariance (c,)
+                [rad^2/s^2]; None without noise.
         """
         psi = phi - state[0]
         sin, cos = np.sin(psi), np.cos(psi)
@@ -265,13 +271,13 @@ def driven_theta(
         speed = np.subtract(state[1], (cos + rolled) * s + sin * z, out=found[0])
         # Rolling on the rounding, as in pendulum_motion.trajectory.
         pull = (
-            sin * (k + by_rounding * (speed * speed)) / (1.0 - 2.0 * by_rounding * (1.0 - cos))
+            sin * (k + by_rounding * (speed * speed)) / (1.0 - twice_by_rounding * (1.0 - cos))
             if radius
             else sin * k
         )
         np.subtract((sin * s - cos * z) * speed, pull, out=found[1])
-        if path_noise is not None:
-            found[1] += sin * cos * (noise[0, 0] - noise[1, 1]) + (sin * sin - cos * cos) * noise[0, 1]
+        if noise is not None:
+            found[1] += sin * cos * noise[0] + (sin * sin - cos * cos) * noise[1]
         return found
 
     # A trial step of a fit may diverge; its misfit is then no number, and the step is refused.
@@ -279,10 +285,11 @@ def driven_theta(
         for i in range(1, len(time)):
             if jump is not None and i - 1 == jump[0]:
                 state[1] += jump[1]
-            gap = float(time[i] - time[i - 1])
-            s, z = by_g * ((slip[i] - slip[i - 1]) / gap), by_g * ((lift[i] - lift[i - 1]) / gap)
+            gap = float(gaps[i - 1])
             if path_noise is not None:
-                noise = (by_g / gap) ** 2 * (path_noise[i] + path_noise[i - 1])[..., None]
-            state = runge_kutta_state(partial(rate, s=s, z=z, noise=noise), state, gap, _MAX_STEP_S)
+                both = (by_g / gap) ** 2 * (path_noise[i] + path_noise[i - 1])[..., None]
+                noise = both[0, 0] - both[1, 1], both[0, 1]
+            moving = partial(rate, s=slips[i - 1], z=lifts[i - 1], noise=noise)
+            state = runge_kutta_state(moving, state, gap, _MAX_STEP_S)
             found[i] = state[0]
     return found
