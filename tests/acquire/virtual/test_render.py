@@ -31,10 +31,13 @@ def one_thread():
 
 
 def tipped(virtual_object, theta, k=1, span=0.0):
-    """k poses of the object, tipped about the world's y axis by angles around `theta` [rad].
+    """Poses of an object tipped by k angles around `theta` [rad], as `Renderer.render` takes them.
 
-    The angles are spread over `span` [rad]. The axis passes through the origin and is the lower
-    edge at +x of the standing object.
+    The angles are spread over `span` [rad]. The axis is the world's y axis, on which the lower edge at +x of the
+    standing object lies.
+
+    Returns:
+        Positions (k, 3) [m], quaternions (k, 4, w first), arm angles (k,) [rad] and arm axes (k, 3) [m].
     """
     p_rest = np.array(
         [-virtual_object.mesh_vertices[:, 0].max(), 0.0, -virtual_object.mesh_vertices[:, 2].min()]

@@ -235,7 +235,7 @@ MAKERS = {
 
 @cache
 def true_body(name: str) -> TrueBody:
-    """The body of this name."""
+    """Body of one kind, by the name of its maker in `MAKERS`; each is made once."""
     return MAKERS[name]()
 
 
