@@ -198,8 +198,8 @@ def _write_files(answer: CalibrationAnswer, arguments: _CalibrateArguments) -> N
     if arguments.output is not None:
         write_calibration(answer, arguments.output)
         click.echo(
-            f"calibration: {arguments.output}: the rig file's [camera.calibration] (or --rig RIG.toml "
-            "--write)",
+            f"calibration: {arguments.output}: for --camera of `analyze plan` and `analyze import`, or for "
+            "the rig file (--rig RIG.toml --write)",
             err=arguments.as_json,
         )
     if arguments.write and arguments.rig is not None:

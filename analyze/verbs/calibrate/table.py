@@ -107,7 +107,12 @@ def notes(answer: CalibrationAnswer) -> list[str]:
         )
     else:
         or_kept = "" if answer.rig is not None else ", or --rig RIG.toml to keep the rig's"
-        lines.append(f"the camera's pose (T_world_camera) was not measured: give --table IMAGE{or_kept}")
+        lines.append(
+            "the camera's pose (T_world_camera) was not measured: for videos `analyze import` finds it from the "
+            f"object at rest; for a rig give --table IMAGE{or_kept}"
+        )
+    if answer.rig is None and answer.place is None:
+        return lines
     level = "" if answer.rig is None else f" ({answer.rig.gravity_tilt_sd_rad:g} rad)"
     lines.append(
         f"a board shows the table, not the vertical: the rig's gravity_tilt_sd_rad{level} is unchanged"

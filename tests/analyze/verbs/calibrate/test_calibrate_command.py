@@ -131,6 +131,14 @@ def test_calibration_is_written_into_the_rig_file(folder, tmp_path):
     assert cv2.imread(str(tmp_path / "camera.png")).shape[1] > 1000
 
 
+def test_notes_without_rig_and_table_are_for_videos_too(folder):
+    out = run(folder, *SQUARES, "--json")
+    assert out.exit_code == 0, out.output
+    (note,) = json.loads(out.stdout)["notes"]
+    assert "for videos `analyze import` finds it" in note
+    assert "for a rig give --table IMAGE" in note
+
+
 def test_camera_pose_from_the_board_on_the_table(folder):
     out = run(folder, *SQUARES, "--table", folder / "table" / "lying.png", "--mark-mm", "0,0,3", "--json")
     assert out.exit_code == 0, out.output
