@@ -33,8 +33,8 @@ def one_thread():
 def tipped(virtual_object, theta, k=1, span=0.0):
     """Poses of an object tipped by k angles around `theta` [rad], as `Renderer.render` takes them.
 
-    The angles are spread over `span` [rad]. The axis is the world's y axis, on which the lower edge at +x of the
-    standing object lies.
+    The angles are spread over `span` [rad]. The axis is the world's y axis, on which the lower edge at +x of
+    the standing object lies.
 
     Returns:
         Positions (k, 3) [m], quaternions (k, 4, w first), arm angles (k,) [rad] and arm axes (k, 3) [m].
