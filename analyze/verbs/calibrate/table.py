@@ -108,8 +108,8 @@ def notes(answer: CalibrationAnswer) -> list[str]:
     else:
         or_kept = "" if answer.rig is not None else ", or --rig RIG.toml to keep the rig's"
         lines.append(
-            "the camera's pose (T_world_camera) was not measured: for videos `analyze import` finds it from the "
-            f"object at rest; for a rig give --table IMAGE{or_kept}"
+            "the camera's pose (T_world_camera) was not measured: for videos `analyze import` finds it from "
+            f"the object at rest; for a rig give --table IMAGE{or_kept}"
         )
     if answer.rig is None and answer.place is None:
         return lines
