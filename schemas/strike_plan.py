@@ -352,15 +352,22 @@ class StrikePlan(Document):
 
 
 def read_strike_plan(path: Path) -> StrikePlan:
-    """Read and validate a strike plan (JSON).
+    """Read and validate a strike plan (JSON) that is to be carried out.
 
     Returns:
         The plan: strikes with placements, and predicted uncertainty.
 
     Raises:
-        DocumentError: the file is missing, is not JSON, or holds an entry that cannot be used.
+        DocumentError: the file is missing, is not JSON, holds an entry that cannot be used, or strikes that
+            nobody planned.
     """
-    return parse_strike_plan(read_text(path), str(path))
+    plan = parse_strike_plan(read_text(path), str(path))
+    if plan.method is PlanMethod.IMAGES:
+        raise DocumentError(
+            f"{path}: holds strikes that were found in images, without a place and speed to strike at: plan "
+            "strikes with `analyze plan`"
+        )
+    return plan
 
 
 def parse_strike_plan(text: str, name: str) -> StrikePlan:

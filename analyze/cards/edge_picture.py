@@ -7,7 +7,7 @@ import numpy as np
 from analyze.cards.body import PlacedObject, draw_body
 from analyze.cards.drawn_shape import DrawnShape
 from analyze.cards.ink import INK, PIVOT, arrow, disc, picture, polyline, text
-from analyze.cards.setting import strike_setting
+from analyze.cards.setting import pivot_edge
 from analyze.cards.view import from_the_front_right
 from analyze.types import Array
 from schemas.object_spec import ObjectSpec
@@ -63,7 +63,7 @@ def edge_picture(shape: DrawnShape, spec: ObjectSpec, strike: PlannedStrike, nam
 def _edge(shape: DrawnShape, spec: ObjectSpec, strike: PlannedStrike) -> Array:
     """Ends (2, 3) [m] of a strike's pivot edge in the object frame; (1, 3) for a rim, its contact."""
     R, p = np.array(strike.R_world_object), np.array(strike.p_world_object)
-    edge = strike_setting(PlacedObject(shape, spec, R, p), strike).edge
+    edge = pivot_edge(PlacedObject(shape, spec, R, p), strike)
     ends = [0.0] if edge is None else list(edge)
     return (np.array([[0.0, y, 0.0] for y in ends]) - p) @ R
 

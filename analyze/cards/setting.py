@@ -85,18 +85,11 @@ def strike_setting(body: PlacedObject, strike: PlannedStrike) -> Setting:
         strike: Strike as planned.
     """
     corners = body.corners
-    near = EDGE_TOLERANCE * body.shape.size
-    line = np.array(strike.pivot.point) @ body.R.T + body.p
-    # The sharp edge lies one radius of rounding outside its centre line, and below.
-    sharp = corners[(np.abs(corners[:, 2]) < near) & (corners[:, 0] > line[0] - near)]
-    edge = None
-    if len(sharp) and not strike.rolls and float(np.ptp(sharp[:, 1])) > 5 * near:
-        edge = (float(sharp[:, 1].min()), float(sharp[:, 1].max()))
     return Setting(
         body,
         corners.min(axis=0),
         corners.max(axis=0),
-        edge,
+        pivot_edge(body, strike),
         np.array(strike.aim.impact.point) @ body.R.T + body.p,
         strike.aim.impact_height_m,
         np.array(strike.camera_pose)[:3, 3],
@@ -105,6 +98,23 @@ def strike_setting(body: PlacedObject, strike: PlannedStrike) -> Setting:
         strike.rolls,
         strike.heading_rad != 0.0,
     )
+
+
+def pivot_edge(body: PlacedObject, strike: PlannedStrike) -> tuple[float, float] | None:
+    """Ends (least, greatest) of the pivot edge along W's y [m]; None for a rim, or if no edge is found.
+
+    Args:
+        body: Object, placed as planned.
+        strike: Strike about the edge.
+    """
+    corners = body.corners
+    near = EDGE_TOLERANCE * body.shape.size
+    line = np.array(strike.pivot.point) @ body.R.T + body.p
+    # The sharp edge lies one radius of rounding outside its centre line, and below.
+    sharp = corners[(np.abs(corners[:, 2]) < near) & (corners[:, 0] > line[0] - near)]
+    if len(sharp) and not strike.rolls and float(np.ptp(sharp[:, 1])) > 5 * near:
+        return float(sharp[:, 1].min()), float(sharp[:, 1].max())
+    return None
 
 
 def tip_arc(place: Setting) -> Array:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analyze.errors import ImportRefused
-from analyze.importing.matching import MAX_OFFSET_M, MAX_OFFSET_SHARE, MAX_TILT, MIN_LEAD, TipInView
+from analyze.importing.matching import MAX_OFFSET_M, MAX_OFFSET_SHARE, MIN_LEAD, TipInView
 from analyze.importing.stated_edges import StatedEdge
 from analyze.importing.tip_view import TipView, TurningLine
 from analyze.importing.windows import SKIPPED
@@ -24,6 +24,9 @@ from analyze.tags.side_names import side_name
 from analyze.types import Array
 from schemas.object_spec import ObjectSpec
 
+MAX_TURN = math.radians(12.0)
+"""largest angle between the line about which an object turned and an edge [rad]: tags placed by ruler are off
+by some degrees; an object that tips over something beneath it turns about a line that is no edge"""
 MAX_LEAN = math.radians(15.0)
 """largest angle between the vertical and the normal of the face on which an object rests [rad]"""
 
@@ -46,7 +49,7 @@ class EdgeFit:
     @property
     def mismatch(self) -> float:
         """Mismatch relative to the largest one allowed: 0 for a perfect match, above 1 if it is excluded."""
-        return math.hypot(self.angle / MAX_TILT, self.offset / self.allowed, self.lean / MAX_LEAN)
+        return math.hypot(self.angle / MAX_TURN, self.offset / self.allowed, self.lean / MAX_LEAN)
 
     @property
     def words(self) -> str:

@@ -1,15 +1,10 @@
-"""Strikes that nobody planned, as the images show them: a plan of what was struck, and the camera's pose.
-
-The object may stand anywhere on the table and in any heading: only its resting face is level. Where the
-camera's pose is not known, the resting object gives it: the vertical and the height over the table from all
-strikes; the origin of the world frame, and its direction, are those of the strikes' mean placement.
-"""
+"""Strikes that nobody planned, as the images show them, as a plan of what was struck."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,12 +12,12 @@ import numpy as np
 from analyze.cameras.camera_file import CameraFile
 from analyze.errors import ImportRefused
 from analyze.geometry.object_model import load_object_model
-from analyze.geometry.rotations import inverse_transform, nearest_rotation, transform
 from analyze.geometry.station import turned_camera
-from analyze.importing.camera_pose import MAX_DEVIATION_M, MAX_DEVIATION_RAD, EstimatedCameraPose
-from analyze.importing.edge_matches import EdgeMatch, match_edges
-from analyze.importing.headings import common_headings, largest_group
-from analyze.importing.matching import TipInView
+from analyze.importing.camera_pose import EstimatedCameraPose
+from analyze.importing.edge_matches import MAX_TURN, EdgeMatch, match_edges
+from analyze.importing.found_placing import found_placing
+from analyze.importing.headings import common_headings
+from analyze.importing.matching import MAX_OFFSET_M, TipInView
 from analyze.importing.options import ImportOptions
 from analyze.importing.stated_edges import stated_edges
 from analyze.importing.tip_view import TagView, view_by_placed_tag
@@ -32,11 +27,11 @@ from analyze.planning.possible_tips import PossibleTips
 from analyze.planning.view import MAX_MARKER_ANGLE
 from analyze.reading.object_file import ObjectFiles
 from analyze.tracking.camera_model import camera_from_spec
-from analyze.types import Array, CameraModel, Marker
+from analyze.types import CameraModel, Marker
 from schemas.strike_plan import FOUND_PLAN_VERSION, Pivot, PlanMethod, PlannedStrike, StrikePlan
 
-MIN_LEVEL_SIGHT = 0.2
-"""least length of a camera's direction of sight on the table for it to count, 1 if it looks level"""
+DOUBTFUL_MISMATCH = 0.6
+"""mismatch of a strike with its edge, 1 is the largest allowed, from which on it is remarked"""
 WARNING = (
     "nobody planned these strikes: faces, headings and edges were found in the images, and no place or force "
     "of the strikes is known"
@@ -68,6 +63,8 @@ class FoundStrikes:
     """the strikes, in the order of the tips"""
     place: EstimatedCameraPose | None
     """camera's pose from the resting object; None if the camera file states the pose"""
+    remarks: tuple[str, ...]
+    """remarks for the user on strikes to look at before agreeing"""
 
 
 def find_strikes(
@@ -117,16 +114,9 @@ def find_strikes(
     placed = np.array(camera.calibration.T_world_camera) if camera.placed else None
     up = None if placed is None else placed[2, :3]
     matches = match_edges(seen, [every[number] for number in kept], possible, spec, up)
-    as_planned = [_camera_as_planned(match, tip) for match, tip in zip(matches, seen, strict=True)]
-    place: EstimatedCameraPose | None = None
-    if placed is None:
-        _refuse_uneven(seen, as_planned)
-        headings, T_world_camera, place = _by_object(as_planned)
-    else:
-        headings, T_world_camera = _headings(as_planned, placed), placed
-        _refuse_off_table(seen, as_planned, placed)
-    common = common_headings(headings)
-    lens = replace(camera_from_spec(camera.calibration), T_world_camera=T_world_camera)
+    placing = found_placing(seen, matches, placed)
+    common = common_headings(placing.headings, [match.best.tip.axis.id for match in matches])
+    lens = replace(camera_from_spec(camera.calibration), T_world_camera=placing.T_world_camera)
     strikes = [
         _strike(names[number], match, heading, _facing(match, tags[number], markers), lens)
         for number, match, heading in zip(kept, matches, common, strict=True)
@@ -142,9 +132,45 @@ def find_strikes(
     ids = tuple(SKIPPED if left_out else name for name, left_out in zip(names, skipped, strict=True))
     found = [
         FoundStrike(names[number], match, heading)
-        for number, match, heading in zip(kept, matches, headings, strict=True)
+        for number, match, heading in zip(kept, matches, placing.headings, strict=True)
     ]
-    return FoundStrikes(plan, ids, tuple(found), place)
+    clip_of = [tips[number].clip for number in kept]
+    return FoundStrikes(
+        plan, ids, tuple(found), placing.estimated, (*_doubtful(found), *_turned_back(found, clip_of))
+    )
+
+
+def _doubtful(strikes: Sequence[FoundStrike]) -> Iterator[str]:
+    """Yield a remark for each strike whose edge differs much from the line about which the object turned."""
+    for strike in strikes:
+        best = strike.match.best
+        if best.mismatch > DOUBTFUL_MISMATCH:
+            yield (
+                f"{strike.strike_id}: turns about a line {best.words} the edge {best.tip.axis.id}: was "
+                "something under the object, or is a tag's place in the object file not right?"
+            )
+
+
+def _turned_back(strikes: Sequence[FoundStrike], clip_of: Sequence[int]) -> Iterator[str]:
+    """Yield a remark for each strike of a clip that turns back over the edge of the one before.
+
+    So does an object that a hand sets up again.
+
+    Args:
+        strikes: strikes in the order of their times.
+        clip_of: number of the clip of each.
+    """
+    for number in range(1, len(strikes)):
+        before, after = strikes[number - 1].match.best.tip.axis, strikes[number].match.best.tip.axis
+        apart = after.point - before.point
+        apart = apart - before.direction * float(before.direction @ apart)
+        limit = MAX_OFFSET_M + before.radius + after.radius
+        back = before.direction @ after.direction < -math.cos(MAX_TURN) and np.linalg.norm(apart) < limit
+        if clip_of[number - 1] == clip_of[number] and back:
+            yield (
+                f"{strikes[number].strike_id}: turns back over the edge of {strikes[number - 1].strike_id}: "
+                f"if a hand set the object up again, leave it out (--strike, {SKIPPED} in its place)"
+            )
 
 
 def _strike_ids(clips: Sequence[Clip], tips: Sequence[FoundTip], strikes: Sequence[str]) -> list[str]:
@@ -169,117 +195,6 @@ def _strike_ids(clips: Sequence[Clip], tips: Sequence[FoundTip], strikes: Sequen
     if len(set(names)) == len(names) and all(re.fullmatch(r"s\d+", name) for name in names):
         return names
     return [f"s{number}" for number in range(1, len(tips) + 1)]
-
-
-def _camera_as_planned(match: EdgeMatch, tip: TipInView) -> Array:
-    """Pose (4, 4) [m] of the camera in W, if the object stood with its edge along W's y through the origin.
-
-    Args:
-        match: edge and resting face.
-        tip: the object in the camera's view.
-    """
-    axis = match.best.tip.axis
-    T_camera_object = np.eye(4) if tip.view is None else tip.view.T_camera_object
-    return transform(axis.R_world_object, axis.p_world_object) @ inverse_transform(T_camera_object)
-
-
-def _by_object(as_planned: Sequence[Array]) -> tuple[list[float], Array, EstimatedCameraPose]:
-    """Heading of each strike [rad], and the camera's pose (4, 4) [m], from the object at rest.
-
-    Headings are those against the largest group of strikes with nearly the same, which has heading 0. The
-    pose is the mean over all strikes; its deviations are those of the vertical and of the height.
-
-    Args:
-        as_planned: camera's pose in W of each strike, if the object stood as planned.
-    """
-    sight = [_direction_of_sight(T) for T in as_planned]
-    turned = [sight[0] - each for each in sight]
-    zero = largest_group(turned)
-    headings = [_wrapped(each - zero) for each in turned]
-    poses = np.array([_about_z(heading) @ T for heading, T in zip(headings, as_planned, strict=True)])
-    mean = transform(nearest_rotation(poses[:, :3, :3].mean(axis=0)), poses[:, :3, 3].mean(axis=0))
-    leans = np.arccos(np.clip(poses[:, 2, :3] @ mean[2, :3], -1.0, 1.0))
-    rises = poses[:, 2, 3] - mean[2, 3]
-    scatter = float(np.sqrt(np.mean(leans**2))), float(np.sqrt(np.mean(rises**2)))
-    return headings, mean, EstimatedCameraPose(mean, *scatter, len(poses))
-
-
-def _headings(as_planned: Sequence[Array], T_world_camera: Array) -> list[float]:
-    """Heading of each strike [rad] before a camera of known pose: turn of the object about W's z.
-
-    Args:
-        as_planned: camera's pose in W of each strike, if the object stood as planned.
-        T_world_camera: (4, 4) pose of the camera in W [m].
-    """
-    turns = [T_world_camera[:3, :3] @ T[:3, :3].T for T in as_planned]
-    return [math.atan2(float(R[1, 0] - R[0, 1]), float(R[0, 0] + R[1, 1])) for R in turns]
-
-
-def _refuse_uneven(tips: Sequence[TipInView], as_planned: Sequence[Array]) -> None:
-    """Check that all strikes show one table before one camera: its vertical, and its height.
-
-    Args:
-        tips: the strikes in the camera's view.
-        as_planned: camera's pose in W of each strike, if the object stood as planned.
-
-    Raises:
-        ImportRefused: one strike differs from the others by more than an object placed by hand.
-    """
-    ups, heights = np.array([T[2, :3] for T in as_planned]), np.array([T[2, 3] for T in as_planned])
-    apart = np.arccos(np.clip(ups @ ups.T, -1.0, 1.0))
-    middle = int(np.argmin(np.median(apart, axis=1)))
-    off = np.abs(heights - np.median(heights))
-    worst = int(np.argmax(np.maximum(apart[middle] / MAX_DEVIATION_RAD, off / MAX_DEVIATION_M)))
-    if apart[middle, worst] > MAX_DEVIATION_RAD or off[worst] > MAX_DEVIATION_M:
-        raise ImportRefused(
-            f"{tips[worst].name}: shows the table tilted by {math.degrees(apart[middle, worst]):.0f} deg and "
-            f"{1000 * off[worst]:.0f} mm higher or lower than the other strikes: the camera was moved, or "
-            f"the object did not lie on the table: leave it out (--strike {SKIPPED}), or measure the "
-            "camera's pose with the board (`analyze calibrate --table`)"
-        )
-
-
-def _refuse_off_table(tips: Sequence[TipInView], as_planned: Sequence[Array], T_world_camera: Array) -> None:
-    """Check that the object lay on the table that the camera file's pose refers to.
-
-    Args:
-        tips: the strikes in the camera's view.
-        as_planned: camera's pose in W of each strike, if the object stood as planned.
-        T_world_camera: (4, 4) pose of the camera in W [m].
-
-    Raises:
-        ImportRefused: the resting face is tilted, or too high or low.
-    """
-    for tip, T in zip(tips, as_planned, strict=True):
-        lean = math.acos(float(np.clip(T[2, :3] @ T_world_camera[2, :3], -1.0, 1.0)))
-        rise = float(T_world_camera[2, 3] - T[2, 3])
-        if lean > MAX_DEVIATION_RAD or abs(rise) > MAX_DEVIATION_M:
-            raise ImportRefused(
-                f"{tip.name}: the object rests {1000 * rise:.0f} mm over the table, tilted by "
-                f"{math.degrees(lean):.0f} deg, by the camera's pose (T_world_camera): the camera was moved "
-                "after the board was filmed: leave the pose out of the camera file, or leave this strike out "
-                f"(--strike {SKIPPED})"
-            )
-
-
-def _direction_of_sight(T_world_camera: Array) -> float:
-    """Angle [rad] about z of the direction in which a camera looks; if it looks down, of its upper side."""
-    ahead = T_world_camera[:2, 2]
-    if float(np.linalg.norm(ahead)) < MIN_LEVEL_SIGHT:
-        ahead = -T_world_camera[:2, 1]
-    return math.atan2(float(ahead[1]), float(ahead[0]))
-
-
-def _about_z(angle: float) -> Array:
-    """Pose (4, 4) that turns about z by an angle [rad]."""
-    turn = np.eye(4)
-    turn[:2, :2] = [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
-    return turn
-
-
-def _wrapped(angle: float) -> float:
-    """Angle between -pi and pi [rad] that equals `angle` up to whole turns."""
-    return math.remainder(angle, 2 * math.pi)
 
 
 def _facing(match: EdgeMatch, views: Sequence[TagView], markers: Sequence[Marker]) -> list[int | str]:

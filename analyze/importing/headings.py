@@ -1,4 +1,4 @@
-"""Headings that strikes share: what a hand repeats to a few degrees is one heading."""
+"""Headings that strikes over one edge share: what a hand repeats to a few degrees is one heading."""
 
 from __future__ import annotations
 
@@ -10,19 +10,21 @@ SAME_HEADING = math.radians(2.5)
 object's own heading within it"""
 
 
-def common_headings(headings: Sequence[float]) -> list[float]:
-    """Heading of each strike, of strikes with nearly the same their mean, between -pi and pi [rad].
+def common_headings(headings: Sequence[float], axes: Sequence[str]) -> list[float]:
+    """Heading of each strike, of strikes over one edge with nearly the same their mean [rad].
 
     The largest group of strikes within `SAME_HEADING` of its mean is taken first, then the largest of those
-    left. The mean of a group that contains 0 to within a millionth is 0.
+    left. Results are between -pi and pi; the mean of a group that is 0 to within a millionth is 0.
 
     Args:
         headings: heading of each strike [rad].
+        axes: name of the edge of each strike.
     """
     found = list(headings)
     left = set(range(len(headings)))
     while left:
-        group = _largest(headings, sorted(left))
+        axis = axes[min(left)]
+        group = _largest(headings, [number for number in sorted(left) if axes[number] == axis])
         mean = _mean([headings[number] for number in group])
         for number in group:
             found[number] = 0.0 if abs(mean) < 1e-6 else mean

@@ -137,7 +137,7 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
             windows,
             splits,
             assignment,
-            seen.remarks,
+            (*seen.remarks, *(() if found is None else found.remarks)),
             sources[0].rate_hz,
             calibration,
             None if found is None else found.strikes,

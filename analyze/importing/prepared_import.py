@@ -66,7 +66,7 @@ class PreparedImport:
     assignment: Assignment
     """how the sources were assigned to the planned strikes"""
     camera_remarks: tuple[str, ...]
-    """remarks on a camera that moved during strikes, or between them"""
+    """remarks on a camera that moved during strikes, or between them, and on strikes that nobody planned"""
     rate_hz: float
     """frame rate of the first source as captured [Hz]"""
     calibration: CameraCalibrationSpec

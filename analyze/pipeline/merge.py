@@ -17,7 +17,7 @@ from analyze.geometry.edge_line import SAME_LINE, EdgeLine
 from analyze.pipeline.evidence import Evidence, RecordingHead
 from analyze.types import TipMotion
 from schemas.session_manifest import LevelReading, SessionManifest
-from schemas.strike_plan import PlannedStrike, StrikePlan
+from schemas.strike_plan import PlanMethod, PlannedStrike, StrikePlan
 
 V = TypeVar("V")
 
@@ -169,7 +169,10 @@ def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
         first,
         recordings=tuple(heads),
         plan=StrikePlan(
-            object_name=first.plan.object_name, object_sha256=first.object_sha256, strikes=strikes
+            method=_merged_method([each.plan for each in ordered]),
+            object_name=first.plan.object_name,
+            object_sha256=first.object_sha256,
+            strikes=strikes,
         ),
         motions=tuple(motions),
         tracking=merged([each.tracking for each in ordered]),
@@ -177,6 +180,13 @@ def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
         impacts=merged([each.impacts for each in ordered]),
         recorded_in=recorded_in,
     )
+
+
+def _merged_method(plans: Sequence[StrikePlan]) -> PlanMethod:
+    """Method of the merged plan: some of its strikes lack an aim if they were found in images."""
+    if any(plan.method is PlanMethod.IMAGES for plan in plans):
+        return PlanMethod.IMAGES
+    return PlanMethod.OURS
 
 
 def merged_axis_ids(ordered: Sequence[Evidence]) -> list[dict[str, str]]:
