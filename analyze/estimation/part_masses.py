@@ -362,10 +362,10 @@ def _sample(
             for moved, others in (halves, halves[::-1]):
                 direction = rng.standard_normal((len(moved), len(mean))) @ spread.T
                 if rng.uniform() < _DIFFERENCE_MOVES:
-                    pair = rng.choice(others, (2, len(moved)))
+                    pair = others[rng.integers(len(others), size=(2, len(moved)))]
                     # Where the two chains coincide, the drawn direction is kept.
                     apart = x[pair[0]] - x[pair[1]]
-                    direction = np.where(np.any(apart != 0.0, axis=1, keepdims=True), apart, direction)
+                    direction = np.where((apart != 0.0).any(axis=1)[:, None], apart, direction)
                 proposed = _draw_on_lines(x[moved], direction, mean, precision, most, rng)
                 prior_proposed = log_prior(proposed)
                 accepted = rng.exponential(size=len(moved)) > prior[moved] - prior_proposed
@@ -386,12 +386,12 @@ def _draw_on_lines(
     inverse covariance, are those before truncation.
     """
     by_precision = direction @ precision
-    a = np.sum(by_precision * direction, axis=1)
-    b = np.sum(by_precision * (x - mean), axis=1)
+    a = (by_precision * direction).sum(axis=1)
+    b = (by_precision * (x - mean)).sum(axis=1)
+    forward, back = direction > 0, direction < 0
     with np.errstate(divide="ignore", invalid="ignore"):
         to_zero, to_most = -x / direction, (most - x) / direction
-    low = np.max(np.where(direction > 0, to_zero, np.where(direction < 0, to_most, -np.inf)), axis=1)
-    high = np.min(np.where(direction > 0, to_most, np.where(direction < 0, to_zero, np.inf)), axis=1)
-    return np.clip(
-        x + draw_truncated(-b / a, 1.0 / np.sqrt(a), low, high, rng)[:, None] * direction, 0.0, most
-    )
+    low = np.where(forward, to_zero, np.where(back, to_most, -np.inf)).max(axis=1)
+    high = np.where(forward, to_most, np.where(back, to_zero, np.inf)).min(axis=1)
+    moved = x + draw_truncated(-b / a, 1.0 / np.sqrt(a), low, high, rng)[:, None] * direction
+    return np.minimum(np.maximum(moved, 0.0), most)

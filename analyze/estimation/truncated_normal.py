@@ -45,7 +45,7 @@ def draw_truncated(mean: Array, sd: Array, low: Array, high: Array, rng: np.rand
     drawn = ndtri_exp(
         log_far + np.log(share + (1.0 - share) * np.exp(np.minimum(log_ndtr(near) - log_far, 0.0)))
     )
-    return np.clip(mean + sd * np.where(flip, -drawn, drawn), low, high)
+    return np.minimum(np.maximum(mean + sd * np.where(flip, -drawn, drawn), low), high)
 
 
 def narrowest_intervals(ordered: Array) -> tuple[Array, Array]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 
 import numpy as np
+import pytest
 from rich.console import Console
 from scipy.optimize import brentq
 
@@ -42,7 +43,9 @@ def _assert_regions_are_cut_along_the_answers_plane(trial, scored):
     assert upper.holds
 
 
+@pytest.mark.slow
 def test_mislabelled_strikes_are_recognised_by_their_tags_at_rest(tmp_path):
+    """A second whole session; motion/test_placement.py has the recognition itself."""
     trial = run_session("sharp", "mislabelled", 1, Bank(tmp_path))
     assert trial is not None
     assert trial.evidence is not None

@@ -40,7 +40,9 @@ def answer(file):
     return json.loads(done.output)
 
 
+@pytest.mark.slow
 def test_8_times_slow_motion_is_found_and_the_remedy_is_right(tmp_path, drawn):
+    """Three videos imported twice; pipeline/test_frame_rate.py has the same without videos."""
     (tmp_path / "wrong").mkdir()
     wrong = imported(tmp_path / "wrong", drawn, STATED)
     found = answer(wrong)
