@@ -6,6 +6,9 @@ from pathlib import Path
 
 BAG_METADATA = "metadata.yaml"
 """file in the folder of a ROS 2 bag"""
+VIDEO_FOLDER = "a folder of videos"
+"""kind of a folder with videos"""
+_VIDEOS = frozenset({".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v"})
 _IMAGES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp"})
 _VIDEO_MAGIC = (
     (4, b"ftyp"),
@@ -37,10 +40,14 @@ def not_a_recording(path: Path) -> str:
     inside = sorted(file.name for file in path.glob("*.mcap"))
     name_one = f"name a file in it, as {inside[0]}" if inside else ""
     if what is not None:
-        to_import = f"`analyze import {path.name}` makes one of it (options: `analyze import --help`)"
+        files = f"{path.name}/*{_first_video(path)}" if what == VIDEO_FOLDER else path.name
+        to_import = f"`analyze import {files}` makes one of it (options: `analyze import --help`)"
         return f"{path}: is {what}, not a recording: {to_import}{'; or ' if inside else ''}{name_one}"
     if not path.is_dir():
-        return f"{path}: is not a recording: it does not begin like an MCAP file"
+        return (
+            f"{path}: is not a recording: it does not begin like an MCAP file: name a .mcap file, as "
+            "`acquire session`, `acquire demo` and `analyze import` write it"
+        )
     return f"{path}: is a folder, not a recording: {name_one or 'name an MCAP file'}"
 
 
@@ -49,7 +56,14 @@ def _folder_kind(path: Path) -> str | None:
     names = [file.suffix.lower() for file in path.iterdir()]
     if (path / BAG_METADATA).is_file():
         return "a ROS 2 bag"
+    if any(name in _VIDEOS for name in names):
+        return VIDEO_FOLDER
     return "a folder of images" if any(name in _IMAGES for name in names) else None
+
+
+def _first_video(folder: Path) -> str:
+    """Ending of the first video in a folder that has one, as ".mp4"."""
+    return next(file.suffix for file in sorted(folder.iterdir()) if file.suffix.lower() in _VIDEOS)
 
 
 def _file_kind(path: Path) -> str | None:

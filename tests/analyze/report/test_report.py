@@ -61,6 +61,7 @@ def test_page_shows_the_results_numbers(estimate, undrawn):
     assert Markup.escape(shown.urdf) in html
     for region in estimate.result.regions.regions:
         assert html.count(open_interval(region.mass, 1e3)) == 2  # card and table
+    assert "<dd>not named," in html  # its camera states neither vendor nor model
     for strike in estimate.result.strikes:
         assert strike.id in html
         assert f"</span>{with_interval(strike.phi, 180 / np.pi)}<" in html

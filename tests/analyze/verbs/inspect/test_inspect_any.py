@@ -304,3 +304,22 @@ def test_a_file_to_import_is_told_so(tmp_path, verb):
         result = CliRunner().invoke(analyze, [verb, str(path)])
         assert result.exit_code != 0
         assert f"is {what}, not a recording: `analyze import {path.name}`" in result.output
+
+
+def test_a_folder_of_videos_is_imported_by_its_files(tmp_path):
+    """A picture beside them, as `analyze calibrate` writes it, makes it no folder of images."""
+    for name in ("VID_1.MP4", "VID_2.MP4", "camera.png"):
+        (tmp_path / name).write_bytes(b"")
+    result = CliRunner().invoke(analyze, ["report", str(tmp_path)])
+    assert result.exit_code == 1
+    assert f"is a folder of videos, not a recording: `analyze import {tmp_path.name}/*.MP4`" in result.output
+
+
+def test_an_object_file_in_place_of_a_recording_is_answered_with_what_writes_one(tmp_path):
+    (tmp_path / "b.toml").write_text('name = "b"')
+    result = CliRunner().invoke(analyze, ["report", str(tmp_path / "b.toml")])
+    assert result.exit_code == 1
+    assert (
+        "name a .mcap file, as `acquire session`, `acquire demo` and `analyze import` write it"
+        in result.output
+    )
