@@ -28,6 +28,7 @@ from analyze.planning.view import MAX_MARKER_ANGLE
 from analyze.reading.object_file import ObjectFiles
 from analyze.tracking.camera_model import camera_from_spec
 from analyze.types import CameraModel, Marker
+from schemas.object_spec import ObjectSpec
 from schemas.strike_plan import FOUND_PLAN_VERSION, Pivot, PlanMethod, PlannedStrike, StrikePlan
 
 DOUBTFUL_MISMATCH = 0.6
@@ -90,12 +91,6 @@ def find_strikes(
             tips are left out.
     """
     spec, markers = files.spec, placed_markers(files.spec)
-    if all(marker.T_object_marker is None for marker in markers):
-        raise ImportRefused(
-            f"{options.object_path}: has no place of a tag on the object (T_object_marker), without which "
-            "strikes are recognised only with the plan that was struck: give it (--plan), or measure the "
-            "places with a ruler"
-        )
     names = _strike_ids(clips, tips, options.strikes)
     possible = PossibleTips(load_object_model(spec, files.shape_bytes, files.shape_name), spec)
     every = stated_edges(options.edges, names, possible.tips)
@@ -140,6 +135,35 @@ def find_strikes(
     )
 
 
+def refuse_unplanned(options: ImportOptions, spec: ObjectSpec) -> None:
+    """Check that an import without a plan has what it needs, before the sources are searched.
+
+    Args:
+        options: options of the import.
+        spec: object file.
+
+    Raises:
+        ImportRefused: an option needs a plan, or no tag's place on the object is known.
+    """
+    if options.whole:
+        raise ImportRefused(
+            "without a plan (--plan) strikes are recognised by their begin: leave out --whole, so that it is "
+            "searched for"
+        )
+    for each in options.strikes:
+        if each not in (SKIPPED, BY_IMAGES):
+            raise ImportRefused(
+                f"--strike {each}: without a plan strikes have no names: state an edge "
+                f"(--edge s1=+x,bottom), or leave a strike out (--strike {SKIPPED})"
+            )
+    if all(marker.T_object_marker is None for marker in spec.marker):
+        raise ImportRefused(
+            f"{options.object_path}: has no place of a tag on the object (T_object_marker), without which "
+            "strikes are recognised only with the plan that was struck: give it (--plan), or measure the "
+            "places with a ruler"
+        )
+
+
 def _doubtful(strikes: Sequence[FoundStrike]) -> Iterator[str]:
     """Yield a remark for each strike whose edge differs much from the line about which the object turned."""
     for strike in strikes:
@@ -182,15 +206,9 @@ def _strike_ids(clips: Sequence[Clip], tips: Sequence[FoundTip], strikes: Sequen
         strikes: values of --strike; empty, or one per tip.
 
     Raises:
-        ImportRefused: --strike is not given once per tip, or names a strike, as of a plan.
+        ImportRefused: --strike is not given once per tip.
     """
-    stated_ids(clips, tips, strikes, strikes)
-    for each in strikes:
-        if each not in (SKIPPED, BY_IMAGES):
-            raise ImportRefused(
-                f"--strike {each}: without a plan strikes have no names: state an edge "
-                f"(--edge s1=+x,bottom), or leave a strike out (--strike {SKIPPED})"
-            )
+    stated_ids(clips, tips, (), strikes)
     names = [clips[tip.clip].path.stem for tip in tips]
     if len(set(names)) == len(names) and all(re.fullmatch(r"s\d+", name) for name in names):
         return names

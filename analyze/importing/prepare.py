@@ -18,7 +18,7 @@ from analyze.cameras.camera_file import CameraFile, camera_of, read_camera
 from analyze.errors import ImportRefused
 from analyze.importing.assignment import assigned_ids
 from analyze.importing.camera_pose import EstimatedCameraPose, camera_pose_from_strike, mean_camera_pose
-from analyze.importing.found_strikes import FoundStrikes, find_strikes
+from analyze.importing.found_strikes import FoundStrikes, find_strikes, refuse_unplanned
 from analyze.importing.onsets import Onset, OnsetFinder
 from analyze.importing.options import ImportOptions
 from analyze.importing.prepared_import import Assignment, PreparedImport, storable_videos
@@ -70,11 +70,8 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
     """
     files, object_text = read_object_files(options.object_path), read_text(options.object_path)
     struck = None if options.plan_path is None else _read_plan(options.plan_path, files)
-    if struck is None and options.whole:
-        raise ImportRefused(
-            "without a plan (--plan) strikes are recognised by their begin: leave out --whole, so that it is "
-            "searched for"
-        )
+    if struck is None:
+        refuse_unplanned(options, files.spec)
     given = None if options.camera_path is None else read_camera(options.camera_path)
     with ExitStack() as stack:
         sources = tuple(map(open_source, options.sources, options.source_options()))

@@ -3,8 +3,8 @@
 `make bench-unplanned` renders 20 sessions of five objects (box, cylinder, frustum, L, wedge): six strikes
 each in two headings, the object up to 50 mm off the line along and across it, put down by hand, the line up
 to 8 degrees off the camera's direction, files shuffled and named as a phone names them. Each is imported with
-its plan, which has the headings as made, and without; of every second one the camera's pose is not given
-either. At last the true edge is taken from the possible ones: the strike must then be refused.
+its plan, which has the mean heading of each edge as made, and without; every second time the camera's pose is
+not given either. At last the true edge is taken from the possible ones: the strike must then be refused.
 """
 
 from __future__ import annotations

@@ -37,8 +37,8 @@ from tests.analyze.importing.tip_videos import write_video
 GRAVITY, ENERGY, RADIUS_M = 9.81, 1.12, 1e-3
 RATE_HZ, REST_S = 120, 0.3
 OFF_LINE_M, SKEW_RAD, HAND_RAD = 0.05, math.radians(8.0), 0.02
-"""largest distance of an object from the line, along and across it [m]; largest angle between the line and the
-camera's direction of sight, and standard deviation of an object's heading against the line [rad]"""
+"""largest distance of an object from the line, along and across it [m]; largest angle between the line and
+the camera's direction of sight, and standard deviation of an object's heading against the line [rad]"""
 GLUE_M, GLUE_RAD = 1e-4, 1e-3
 """standard deviations of a tag's place and turn, as registration leaves them"""
 EYE, LOOK_AT = np.array([0.02, -0.44, 0.13]), np.array([0.02, 0.0, 0.06])
@@ -61,7 +61,7 @@ class Session:
     inertia: Array
     """(3, 3) true inertia about it [kg m^2]"""
     plan: StrikePlan
-    """plan of the strikes, with the headings in which they were made"""
+    """plan of the strikes, with the mean heading in which those over one edge were made"""
     placed: list[Array]
     """(4, 4) pose of the station's frame as each strike was made, in W [m]: heading and place on the table"""
     tags: list[renderer.Side]
@@ -96,16 +96,20 @@ def session(shape: str, seed: int, strikes: int = 6) -> Session:
     prepared = prepare_object(model, spec, Bench(HAND, phone, 0.6))
     plan = plan_strikes(prepared, object_sha256(spec, data), PlanRequest(strikes))
     skew = random.uniform(-SKEW_RAD, SKEW_RAD)
+    turned = [random.random() < 0.4 and bool(_seen_turned(strike, spec)) for strike in plan.strikes]
+    off = random.normal(0, HAND_RAD, len(turned))
+    alike = [(strike.axis_id, back) for strike, back in zip(plan.strikes, turned, strict=True)]
+    mean = [skew + float(np.mean(off[[each == other for other in alike]])) for each in alike]
     made = [
-        _made(strike, spec, phone, skew + random.normal(0, HAND_RAD), random.random() < 0.4)
-        for strike in plan.strikes
+        _made(strike, spec, phone, heading, back)
+        for strike, heading, back in zip(plan.strikes, mean, turned, strict=True)
     ]
     placed = [
         transform(
-            matrix_from_vector(np.array([0.0, 0.0, strike.heading_rad])),
+            matrix_from_vector(np.array([0.0, 0.0, skew + by_hand + math.pi * back])),
             np.array([*random.uniform(-OFF_LINE_M, OFF_LINE_M, 2), 0.0]),
         )
-        for strike in made
+        for by_hand, back in zip(off, turned, strict=True)
     ]
     tags = [_glued(marker, random) for marker in spec.marker]
     plan = plan.model_copy(update={"strikes": made})
@@ -115,19 +119,23 @@ def session(shape: str, seed: int, strikes: int = 6) -> Session:
 def _made(
     strike: PlannedStrike, spec: ObjectSpec, phone: CameraModel, heading: float, turned: bool
 ) -> PlannedStrike:
-    """Strike as it was made: with a heading, turned by 180 degrees more if a tag then faces the camera."""
+    """Strike as it was made: with a heading, and turned by 180 degrees more or not."""
+    if turned:
+        strike = strike.model_copy(update={"visible_markers": _seen_turned(strike, spec)})
+        heading += math.pi
+    pose = turned_camera(phone, heading).T_world_camera.tolist()
+    return strike.model_copy(update={"heading_rad": heading, "camera_pose": pose})
+
+
+def _seen_turned(strike: PlannedStrike, spec: ObjectSpec) -> list[int | str]:
+    """Names of the tags that face the camera if the object is turned by 180 degrees."""
     along = np.array(strike.pivot.direction)
-    seen = [
+    return [
         marker.name
         for marker in spec.marker
         if marker.T_object_marker is not None
         and float(np.array(marker.T_object_marker)[:3, 2] @ along) > math.cos(math.radians(12))
     ]
-    if seen and turned:
-        strike = strike.model_copy(update={"visible_markers": seen})
-        heading += math.pi
-    pose = turned_camera(phone, heading).T_world_camera.tolist()
-    return strike.model_copy(update={"heading_rad": heading, "camera_pose": pose})
 
 
 # --- objects
