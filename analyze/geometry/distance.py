@@ -17,6 +17,8 @@ from scipy.spatial import KDTree
 from analyze.geometry import polyhedron
 from analyze.types import Array, IntArray
 
+NEEDLE = 4
+"""Length of a triangle over its width, in steps of its samples, from which it has fewer rows across."""
 NEAREST_SAMPLES = 5
 """Number of nearest surface samples of a point whose faces are examined."""
 MAX_POINTS = 10_000
@@ -163,7 +165,8 @@ class SurfaceIndex:
 def surface_index(vertices: Array, faces: IntArray) -> SurfaceIndex:
     """Search index (samples with their faces) of a mesh's surface.
 
-    Samples are 1/100 of the mesh's extent apart or closer.
+    Samples are 1/100 of the mesh's extent apart or closer. A needle, as along a cylinder's flank, has as many
+    rows of them as its width needs: with as many across as along, some meshes would have millions.
 
     Args:
         vertices: (n, 3) vertices [m].
@@ -171,20 +174,39 @@ def surface_index(vertices: Array, faces: IntArray) -> SurfaceIndex:
     """
     triangles = vertices[faces]
     spacing = float(np.ptp(vertices, axis=0).max()) / 100
-    longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
+    sides = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
+    longest, first = sides.max(axis=1), np.argmax(sides, axis=1)
+    width = np.linalg.norm(polyhedron.area_vectors(triangles), axis=1) / np.maximum(longest, 1e-300)
     steps = np.maximum(1, np.ceil(longest / spacing)).astype(int)
+    rows = np.maximum(1, np.ceil(width / spacing)).astype(int)
+    rows = np.where(steps >= NEEDLE * rows, rows, steps)
     points: list[Array] = []
     owners: list[IntArray] = []
-    for many in np.unique(steps):
-        mine = np.flatnonzero(steps == many)
-        grid = np.argwhere(np.ones((many + 1, many + 1)))
-        u, v = grid[grid.sum(axis=1) <= many].T / many
-        weights = np.stack([1 - u - v, u, v], axis=1)
+    for many, across in np.unique(np.stack([steps, rows], axis=1), axis=0):
+        mine = np.flatnonzero((steps == many) & (rows == across))
+        weights = _grid(int(many), int(across))
         # Moved towards the centroid, so that samples on a common edge do not coincide.
         weights = 0.98 * weights + 0.02 / 3
-        points.append(np.einsum("wk,fki->fwi", weights, triangles[mine]).reshape(-1, 3))
+        corners = (first[mine, None] + np.arange(3)) % 3
+        sorted_corners = np.take_along_axis(triangles[mine], corners[:, :, None], axis=1)
+        points.append(np.einsum("wk,fki->fwi", weights, sorted_corners).reshape(-1, 3))
         owners.append(np.repeat(mine, len(weights)))
     return SurfaceIndex(triangles, KDTree(np.vstack(points)), np.concatenate(owners).astype(np.int64))
+
+
+def _grid(steps: int, rows: int) -> Array:
+    """Barycentric coordinates (w, 3) of points of a triangle, at most a step apart along its first edge.
+
+    Args:
+        steps: Number of steps along the first edge.
+        rows: Number of steps from there to the third corner.
+    """
+    found: list[Array] = []
+    for row in range(rows + 1):
+        up = row / rows
+        along = np.linspace(0.0, 1.0, 1 + int(np.ceil(round(steps * (1 - up), 9))))
+        found.append(np.stack([(1 - up) * (1 - along), (1 - up) * along, np.full(len(along), up)], axis=1))
+    return np.vstack(found)
 
 
 def mesh_depth(index: SurfaceIndex, vertices: Array, faces: IntArray, points: Array) -> Depth:

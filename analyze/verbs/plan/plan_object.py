@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from analyze.errors import PlanError
 from analyze.estimation.cells import cells_from_voxels, shell_thickness
 from analyze.geometry.held_object import HeldObject
@@ -153,8 +155,10 @@ def _plan_of(prepared: PreparedObject, sha256: str, options: PlanOptions, progre
     if options.method is PlanMethod.PAPER:
         return paper_strike_plan(prepared, sha256, options.strikes)
     progress("dividing the body into voxels", 4, STEPS)
-    model = prepared.model
-    cells = None if model.held is not None else _pieces(model, shell_thickness(prepared.spec, model))
+    model, cells = prepared.model, None
+    # Of an object that is refused no masses of regions are predicted.
+    if model.held is None and np.isfinite(prepared.com_error):
+        cells = _pieces(model, shell_thickness(prepared.spec, model))
     progress("choosing the strikes", 5, STEPS)
     target = None if options.target_com_mm is None else options.target_com_mm / 1000
     return plan_strikes(

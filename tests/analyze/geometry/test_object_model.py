@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from analyze.errors import ShapeError
 from analyze.geometry import polyhedron
+from analyze.geometry.distance import mesh_depth, surface_index
 from analyze.geometry.object_model import load_object_model
 from tests.analyze.geometry.shapes import box_triangles, obj, spec_of, stl
 
@@ -69,6 +70,32 @@ def test_depth_of_a_non_convex_body():
         atol=MICROMETRE,
     )
     assert np.allclose(model.depth_and_gradient(probes[3:4]).gradient, [[0, 1, 0]], atol=1e-6)
+
+
+def test_needles_are_sampled_along_their_length_only():
+    """A tube of 400 strips: as many samples across each as along it would be two million."""
+    angle = np.arange(400) * np.pi / 200
+    ring = np.column_stack([np.cos(angle), np.sin(angle)])
+    vertices = np.vstack(
+        [np.column_stack([radius * ring, np.full(400, z)]) for radius in (0.01, 0.008) for z in (0.0, 0.2)]
+    )
+    here, ahead = np.arange(400), (np.arange(400) + 1) % 400
+    quads = [(0, 400, False), (800, 1200, True), (0, 800, True), (400, 1200, False)]
+    faces = np.vstack(
+        [
+            np.stack([[a + here, a + ahead, b + ahead], [a + here, b + ahead, b + here]])
+            .transpose(0, 2, 1)
+            .reshape(-1, 3)[:, :: -1 if turned else 1]
+            for a, b, turned in quads
+        ]
+    )
+    index = surface_index(vertices, faces)
+    assert index.tree.n < 250_000
+    points = np.array(
+        [[0.009, 0, 0.1], [0, 0.0095, 0.05], [0, 0, 0.1], [0.0, -0.02, 0.15], [0.009, 0, 0.1995]]
+    )
+    expected = [0.001, 0.0005, -0.008, -0.01, 0.0005]
+    assert np.allclose(mesh_depth(index, vertices, faces, points).value, expected, atol=5e-6)
 
 
 def test_mesh_and_convex_depth_agree_inside():
