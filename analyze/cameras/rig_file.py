@@ -27,7 +27,7 @@ def read_rig(path: Path) -> tuple[RigConfig, list[list[float]] | None]:
         file has none.
 
     Raises:
-        CalibrationError: the file is missing, cannot be read, or is not valid TOML.
+        CalibrationError: the file is missing, cannot be read, is not valid TOML, or is an object file.
         DocumentError: the table [camera] is missing, or an entry has a value that is not allowed.
     """
     try:
@@ -39,6 +39,11 @@ def read_rig(path: Path) -> tuple[RigConfig, list[list[float]] | None]:
     except (ValueError, RecursionError) as error:
         raise CalibrationError(f"{path}: not valid TOML: {error}") from None
     camera = data.get("camera")
+    if camera is None and {"mass_kg", "shape"} <= data.keys():
+        raise CalibrationError(
+            f"{path}: is an object file, not a camera or rig file: `analyze calibrate BOARD.mp4 -o "
+            "camera.toml` makes a camera file"
+        )
     placed = True
     if isinstance(camera, dict):
         camera.setdefault("address", "none")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from analyze.errors import PlanError
 from analyze.planning import view
@@ -76,6 +76,11 @@ def rig_from_text(text: str, name: str) -> PlannedRig:
         raise PlanError(f"{name}: not valid TOML: {error}") from None
     devices = frozenset({"camera", "striker"} & data.keys())
     camera = data.setdefault("camera", {"calibration": _nominal_calibration()})
+    if _is_camera_file(data):
+        raise PlanError(
+            f"{name}: is a camera file, not a rig file: it has neither T_world_camera nor [striker]: give it "
+            "with --camera for strikes by hand"
+        )
     if isinstance(camera, dict):
         camera.setdefault("address", "none")
     try:
@@ -94,6 +99,15 @@ def rig_from_text(text: str, name: str) -> PlannedRig:
     return PlannedRig(
         Bench(striker, lens, rig.table_friction, rig.g_m_s2, rig.camera.frame_rate_hz), errors, rig, devices
     )
+
+
+def _is_camera_file(data: dict[str, Any]) -> bool:
+    """True if TOML data have a lens without pose and nothing else, as `analyze calibrate -o` writes them."""
+    camera = data.get("camera")
+    if not isinstance(camera, dict) or data.keys() != {"camera"}:
+        return False
+    lens = cast("dict[str, Any]", camera).get("calibration")
+    return isinstance(lens, dict) and "K" in lens and "T_world_camera" not in lens
 
 
 def _nominal_calibration() -> dict[str, Any]:

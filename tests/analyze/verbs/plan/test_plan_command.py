@@ -127,6 +127,23 @@ def test_reach_and_gravity_come_from_the_rig_file(tmp_path: Path):
     assert "reach_m = [0.3, 0.1]" in done.output
 
 
+def test_camera_rig_and_object_files_in_each_others_place_are_named(tmp_path: Path):
+    lens = tmp_path / "camera.toml"
+    lens.write_text(
+        "[camera.calibration]\nwidth = 656\nheight = 492\n"
+        "K = [[1430, 0, 327.5], [0, 1430, 245.5], [0, 0, 1]]\n"
+    )
+    done = run(str(CARTON), "--rig", str(lens))
+    assert done.exit_code == 1
+    assert "camera.toml: is a camera file, not a rig file" in done.output
+    assert "give it with --camera" in done.output
+    assert run(str(CARTON), "--camera", str(lens), "--json").exit_code == 0
+    done = run(str(CARTON), "--camera", str(CARTON))
+    assert done.exit_code == 1
+    assert "is an object file, not a camera or rig file: `analyze calibrate BOARD.mp4" in done.output
+    assert done.output.count("\n") == 1
+
+
 def test_a_rig_file_may_state_the_friction_only(tmp_path: Path):
     rig = tmp_path / "table.toml"
     rig.write_text("table_friction = 0.7\n")
