@@ -392,5 +392,8 @@ def _print_session(report: Any, as_json: bool) -> None:
         click.echo(f"{', '.join(map(str, report.files))}: {counts}")
     if report.aborted:
         click.echo(f"acquire: the session ended early: {report.text}", err=True)
-    if report.aborted or report.lost:
+    elif report.strikes == 0:
+        remedy = "glue a tag on each side that faces the camera, and list it in the object file"
+        click.echo(f"acquire: no strike was made: every placement was refused: {remedy}", err=True)
+    if report.aborted or report.lost or report.strikes == 0:
         sys.exit(3)

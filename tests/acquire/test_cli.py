@@ -14,7 +14,8 @@ import pytest
 from click.testing import CliRunner
 
 from acquire.camera.base import CameraInfo
-from acquire.cli import main
+from acquire.cli import _print_session, main
+from acquire.session.session_report import SessionReport
 from acquire.virtual import devices
 
 
@@ -91,3 +92,11 @@ def test_demo_removes_folders_of_killed_demos(tmp_path: Path) -> None:
     others[2].symlink_to(mine)
     devices.remove_leftovers(tmp_path, "percuss-demo-")
     assert set(tmp_path.iterdir()) == {mine, *others}
+
+
+def test_a_session_without_a_strike_is_no_success(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "r.mcap"
+    with pytest.raises(SystemExit) as caught:
+        _print_session(SessionReport(path, (path,), 0, 800, 0, aborted=False, text=""), as_json=False)
+    assert caught.value.code == 3
+    assert "no strike was made: every placement was refused" in capsys.readouterr().err
