@@ -272,11 +272,8 @@ def test_part_file_of_another_import_is_left_alone(tmp_path):
 
 
 def test_recording_is_not_imported_again(tmp_path):
-    """An imported recording holds its video in decoding order, not sorted by time.
-
-    A reader that sorts by time would not return that order.
-    """
-    file = imported(tmp_path, write_video(tmp_path / "a.mp4", tip()[:12], bf="3"), whole=True)
+    """A recording given to the import is refused, and the text names the command that reads it."""
+    file = imported(tmp_path, write_video(tmp_path / "a.mp4", tip()[:12]), whole=True)
     with pytest.raises(
         ImportRefused,
         match=r"is already a recording: use it as it is, as in `analyze estimate imported.mcap`",
