@@ -124,26 +124,40 @@ def impact_points(
         Impact points from the lowest to the highest; empty if there are none.
     """
     R, p = axis.R_world_object, axis.p_world_object
-    world = model.hull_vertices @ R.T + p
+    # Mats and effective masses are tried in turn, and change nothing here.
+    key = ("met", R.tobytes(), p.tobytes(), axis.radius, striker.lowest_m, striker.highest_m)
+    met = model.cached(key, lambda model: _met(model, axis, striker))
+    centres = np.array([centre for centre, _ in cards]).reshape(-1, 3)
+    near_to = np.array([0.5 * CARD_OVER_TAG_SIZE * edge + TIP_RADIUS for _, edge in cards])
+    result: list[ImpactPoint] = []
+    for ahead, height in met:
+        point = R.T @ (np.array([ahead, 0.0, height]) - p)
+        friction = [friction_at_impact(each, height) for each in swings]
+        near = bool(np.any(np.linalg.norm(point - centres, axis=1) < near_to))
+        result.append(ImpactPoint(height, point, friction[0], max(friction), near))
+    return result
+
+
+def _met(model: ObjectModel, axis: PivotAxis, striker: StrikerModel) -> list[tuple[float, float]]:
+    """Places x and heights z [m] in W at which the striker's tip can meet the object, from the lowest up.
+
+    Args:
+        model: Shape of the object.
+        axis: Pivot axis (edge about which the object tips).
+        striker: Striker, for its reach.
+    """
+    world = model.hull_vertices @ axis.R_world_object.T + axis.p_world_object
     start, top = float(world[:, 0].min()) - 0.1, float(world[:, 2].max())
     heights = np.arange(HEIGHT_STEP / 2, top, HEIGHT_STEP)
     sections = [section(model, axis, heights, start, beside) for beside in LANES]
     distance = sections[len(LANES) // 2].distance
-    centres = np.array([centre for centre, _ in cards]).reshape(-1, 3)
-    near_to = np.array([0.5 * CARD_OVER_TAG_SIZE * edge + TIP_RADIUS for _, edge in cards])
-    result: list[ImpactPoint] = []
     tried = np.flatnonzero(
         (heights >= striker.lowest_m) & (heights <= min(top - MIN_DEPTH_BELOW_TOP, striker.highest_m))
     )
     tried = tried[meets_squarely(sections, heights, tried)]
     tried = tried[under_arm(sections, heights, tried)]
-    for i in tried[stays_clear(sections, heights, start, axis.radius, tried)]:
-        height = float(heights[i])
-        point = R.T @ (np.array([start + distance[i], 0.0, height]) - p)
-        friction = [friction_at_impact(each, height) for each in swings]
-        near = bool(np.any(np.linalg.norm(point - centres, axis=1) < near_to))
-        result.append(ImpactPoint(height, point, friction[0], max(friction), near))
-    return result
+    tried = tried[stays_clear(sections, heights, start, axis.radius, tried)]
+    return [(start + float(distance[i]), float(heights[i])) for i in tried]
 
 
 def plate_points(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from analyze.geometry.object_model import load_object_model
+from analyze.planning import impact
 from analyze.planning.hypothesis import hypothesis
 from analyze.planning.impact import StrikerModel, impact_points
 from analyze.planning.pivots import pivot_axes, swing
@@ -72,3 +74,18 @@ def test_arm_keeps_clear_of_a_lid_that_juts_out():
     on_lid = [point for point in points if abs(point.point[0] + 0.042) < 1e-6]
     assert on_lid
     assert all(point.height < 0.031 for point in points if point not in on_lid)
+
+
+def test_places_to_strike_are_computed_once_for_all_strikers_with_one_reach(monkeypatch):
+    """Mats and masses are tried in turn where an object is refused: 16 times for some."""
+    spec = spec_of({"file": "p.stl", "unit": "mm"}, markers=[FAR_TAG])
+    model = load_object_model(spec, stl(box_triangles(np.array(POST[0]), POST[1])), "p.stl")
+    believed = hypothesis(model)
+    axis = pivot_axes(model, spec, resting_planes(model), believed)[0]
+    expected = swing(axis, believed.region.centre, spec.mass_kg, believed.unit_inertia, 9.81)
+    first = impact_points(model, axis, [expected], [], StrikerModel())
+    lower = impact_points(model, axis, [expected], [], StrikerModel(highest_m=0.02))
+    monkeypatch.setattr(impact, "section", lambda *_: pytest.fail("computed again"))
+    again = impact_points(model, axis, [expected], [], StrikerModel(effective_mass_kg=1.2))
+    assert [each.height for each in again] == [each.height for each in first]
+    assert max((each.height for each in lower), default=0.0) <= 0.02 < first[-1].height
