@@ -23,7 +23,7 @@ from analyze.importing.stated_edges import stated_edges
 from analyze.importing.tip_view import TagView, view_by_placed_tag
 from analyze.importing.windows import BY_IMAGES, SKIPPED, Clip, FoundTip, stated_ids
 from analyze.pipeline.read_evidence import placed_markers
-from analyze.planning.possible_tips import PossibleTips
+from analyze.planning.possible_tips import SAME_TANGENT, PossibleTip, PossibleTips
 from analyze.planning.view import MAX_MARKER_ANGLE
 from analyze.reading.object_file import ObjectFiles
 from analyze.tracking.camera_model import camera_from_spec
@@ -108,7 +108,7 @@ def find_strikes(
     ]
     placed = np.array(camera.calibration.T_world_camera) if camera.placed else None
     up = None if placed is None else placed[2, :3]
-    matches = match_edges(seen, [every[number] for number in kept], possible, spec, up)
+    matches = _with_shared_tangents(match_edges(seen, [every[number] for number in kept], possible, spec, up))
     placing = found_placing(seen, matches, placed)
     common = common_headings(placing.headings, [match.best.tip.axis.id for match in matches])
     lens = replace(camera_from_spec(camera.calibration), T_world_camera=placing.T_world_camera)
@@ -133,6 +133,25 @@ def find_strikes(
     return FoundStrikes(
         plan, ids, tuple(found), placing.estimated, (*_doubtful(found), *_turned_back(found, clip_of))
     )
+
+
+def _with_shared_tangents(matches: Sequence[EdgeMatch]) -> list[EdgeMatch]:
+    """Matches in which tips over one rim in nearly the same direction are about the tangent of the first."""
+    tangents: list[PossibleTip] = []
+    found: list[EdgeMatch] = []
+    for match in matches:
+        tip = match.best.tip
+        if tip.axis.rolls:
+            alike = [
+                other
+                for other in tangents
+                if other.axis.plane.id == tip.axis.plane.id
+                and other.axis.tip @ tip.axis.tip > math.cos(SAME_TANGENT)
+            ]
+            tip = alike[0] if alike else tip
+            tangents += [] if alike else [tip]
+        found.append(replace(match, best=replace(match.best, tip=tip)))
+    return found
 
 
 def refuse_unplanned(options: ImportOptions, spec: ObjectSpec) -> None:

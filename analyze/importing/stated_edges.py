@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from analyze.errors import ImportRefused
 from analyze.planning.edge_names import signed_axes
 from analyze.planning.possible_tips import PossibleTip
+from analyze.planning.rim_tangents import TANGENT_NAME
 from schemas.wording import counted
 
 LEVELS = {"bottom": "-z", "top": "+z"}
@@ -86,7 +87,7 @@ def _stated(strike_id: str, value: str, tips: Sequence[PossibleTip]) -> StatedEd
     Raises:
         ImportRefused: the object has no such edge.
     """
-    if any(tip.axis.id == value for tip in tips) or re.fullmatch(r"p\d+t\d+deg", value):
+    if any(tip.axis.id == value for tip in tips) or TANGENT_NAME.fullmatch(value):
         return StatedEdge(strike_id, value, frozenset())
     words = re.split(r"[,/\s]+", value.lower().replace("−", "-").strip())
     sides = frozenset(LEVELS.get(word, word) for word in words if word not in ("edge", "rim", "side", ""))

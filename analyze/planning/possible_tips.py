@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from analyze.geometry.object_model import ObjectModel
-from analyze.geometry.rotations import plane_basis
 from analyze.planning.footing import footing
 from analyze.planning.hypothesis import Hypothesis, hypothesis
 from analyze.planning.impact import GRAVITY
 from analyze.planning.next_edge import CARRYING_SHARE, over_close_lines, over_next_line, with_next_edge
-from analyze.planning.pivots import PivotAxis, Swing, phi_spread, pivot_axes, rim_tangent, swing
+from analyze.planning.pivots import PivotAxis, Swing, phi_spread, pivot_axes, swing
+from analyze.planning.rim_tangents import tangent_in_degrees
 from analyze.planning.rims import round_rim
 from analyze.planning.stable_planes import RestingPlane, resting_planes
 from analyze.planning.unscanned import scanned_edges, scanned_planes
@@ -67,8 +67,8 @@ class PossibleTips:
     def over_rims(self, direction: Array) -> tuple[PossibleTip, ...]:
         """Tips over round rims about a tangent in a given direction.
 
-        A tangent that differs from an earlier one by less than `SAME_TANGENT` is that one; others are named
-        by the direction of the tip in the face's plane, in whole degrees, as p0t143deg.
+        A tangent that differs from one of a plan by less than `SAME_TANGENT` is that one; others are named by
+        the direction of the tip in the face's plane, in whole degrees, as p0t143deg.
 
         Args:
             direction: (3,) unit direction of the line about which the object turned, in the object frame.
@@ -96,14 +96,7 @@ class PossibleTips:
         ]
         if near:
             return max(near, key=lambda axis: float(axis.tip @ ahead))
-        u, v = plane_basis(plane.up)
-        degrees = round(math.degrees(math.atan2(float(ahead @ v), float(ahead @ u)))) % 360
-        tip = math.cos(math.radians(degrees)) * u + math.sin(math.radians(degrees)) * v
-        axis = rim_tangent(
-            f"{plane.id}t{degrees}deg", self._model, self._spec, plane, tip, self._believed.region.centre
-        )
-        self._tangents.append(axis)
-        return axis
+        return tangent_in_degrees(self._model, self._spec, plane, ahead, self._believed.region.centre)
 
     def _tip(self, axis: PivotAxis) -> PossibleTip:
         """Tip over an edge, or over the line that takes over from it before balance."""

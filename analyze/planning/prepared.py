@@ -23,6 +23,7 @@ from analyze.planning.next_edge import (
     with_next_edge,
 )
 from analyze.planning.pivots import PivotAxis, pivot_axes
+from analyze.planning.rim_tangents import named_tangents
 from analyze.planning.stable_planes import RestingPlane, resting_planes
 from analyze.planning.unscanned import scanned_edges, scanned_planes
 from analyze.planning.view import FAULT_CODES
@@ -133,6 +134,8 @@ def prepare_object(
     belief = Belief(body_size(model) / 4, inertia, INERTIA_SD * float(np.trace(inertia)) / 3)
     if given is not None:
         every = pivot_axes(model, spec, planes, believed)
+        struck = [strike.axis_id for strike in given.strikes]
+        every += named_tangents(struck, model, spec, planes, believed.region.centre)
         belief = with_strikes_made(belief, given, every, believed, spec.mass_kg, bench.gravity)
     shared = replace(
         errors or SharedErrors(),

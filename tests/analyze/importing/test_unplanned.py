@@ -22,6 +22,8 @@ from analyze.importing.options import ImportOptions
 from analyze.importing.prepare import prepare
 from analyze.importing.stated_edges import stated_edges
 from analyze.planning.possible_tips import PossibleTip, PossibleTips
+from analyze.planning.rim_tangents import named_tangents
+from analyze.planning.stable_planes import resting_planes
 from schemas.document import DocumentError
 from schemas.object_spec import ObjectSpec, parse_object_spec
 from schemas.strike_plan import PlanMethod, parse_strike_plan, read_strike_plan
@@ -227,6 +229,9 @@ def test_rim_is_tipped_over_in_any_direction():
     assert len(tips) == 2
     assert all(tip.axis.rolls and tip.axis.id.endswith("deg") for tip in tips)
     assert all(abs(float(tip.axis.direction @ direction)) > math.cos(math.radians(0.6)) for tip in tips)
+    model = load_object_model(spec, None, "object")
+    again = named_tangents([tip.axis.id for tip in tips], model, spec, resting_planes(model), model.centroid)
+    assert [axis.id for axis in again] == sorted(tip.axis.id for tip in tips)
     planned = next(tip for tip in possible.tips if tip.axis.rolls)
     assert planned.axis.id in {tip.axis.id for tip in possible.over_rims(planned.axis.direction)}
 
