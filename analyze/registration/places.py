@@ -77,7 +77,11 @@ class TablePlace:
 
 
 def marker_place(
-    name: int | str, solution: Solution, used: Sequence[StrikeView], on_surface: bool
+    name: int | str,
+    solution: Solution,
+    used: Sequence[StrikeView],
+    on_surface: bool,
+    against: int | str | None = None,
 ) -> MarkerPlace:
     """Estimated pose of one marker on the object, and the directions that the strikes leave undetermined.
 
@@ -86,6 +90,7 @@ def marker_place(
         solution: the joint fit.
         used: views of the strikes that were used.
         on_surface: True if the marker was constrained to the body's surface.
+        against: on a body of revolution, the marker that defines O's direction about the axis; else None.
 
     Returns:
         Pose T_object_marker (4, 4), translation in m, with its covariance (6, 6): turn [rad], then centre
@@ -107,17 +112,24 @@ def marker_place(
         solution.rms_px[name],
         on_surface,
         tuple(words),
-        _remedy(mine) if words else "",
+        _remedy(mine, against) if words else "",
     )
 
 
-def _remedy(mine: Sequence[StrikeView]) -> str:
+def _remedy(mine: Sequence[StrikeView], against: int | str | None) -> str:
     """Advice to the user, in words, for a marker whose pose the strikes determine only in part.
 
     Args:
         mine: views of the strikes that show the marker.
+        against: on a body of revolution, the marker that defines O's direction about the axis; else None.
     """
     tipped = [view for view in mine if len(view.theta) > 1]
+    if against is not None and tipped and all(against not in view.marker_ids for view in mine):
+        return (
+            f"the body is round: how this marker is turned about its axis against marker {against} is "
+            "unknown: strike it in a direction in which the camera sees both, or markers between them, or "
+            "measure T_object_marker by hand"
+        )
     if any(view.rolls for view in mine):
         return "the body is round there: its turn about its axis is unknown: measure T_object_marker by hand"
     if not tipped and any(view.on_curve for view in mine):

@@ -16,6 +16,7 @@ import numpy as np
 from analyze.errors import EstimationError
 from analyze.geometry.rotations import matrix_from_vector, vector_from_matrix
 from analyze.registration.places import MarkerPlace, TablePlace, marker_place, table_place
+from analyze.registration.round_body import free_turn, turned_as_given
 from analyze.registration.solution import Solution
 from analyze.registration.solve import Problem
 from analyze.registration.surface import MAX_TILT_ON_SURFACE, height_over, surface_under
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
 MAX_SAME_TURN, MAX_SAME_DISTANCE = math.radians(5.0), 0.005
 """largest differences of a marker's pose [rad, m], in addition to its sd, between two strikes that agree on
 it"""
+MAX_PULL = 5.0
+"""largest difference between a marker's height over the surface and its card's thickness, in sd of the
+latter, above which the card stands off by an unknown height"""
 TWISTED_RATIO, DISAGREES_RATIO, MIN_USUAL_MISFIT = 4.0, 25.0, 0.1
 """multiples of the median misfit (taken as at least the third value): above the first an impact turned the
 body about the vertical, above the second the strike contradicts all others"""
@@ -64,6 +68,7 @@ def register(
     thickness: Mapping[int | str, float],
     model: ObjectModel,
     table: TablePrior = LAID_BOARD,
+    given: Mapping[int | str, Array] | None = None,
 ) -> Registration:
     """Estimate the poses (in the object frame O) of all markers that the strikes show.
 
@@ -77,6 +82,8 @@ def register(
         table: prior sd of the table's tilts [rad] and height [m] in the world frame W, as the recorded camera
             pose defines it; both are always estimated. LAID_BOARD: the board that gave the pose lay on the
             table; UNKNOWN_TABLE: hardly anything is known.
+        given: poses T_object_marker (4, 4) that the object file states, if any. They are used only on a body
+            of revolution, where they define O's direction about its axis; else the mean placement does.
 
     Returns:
         Pose of each marker, strikes left out, the joint fit, and the table's pose in each recording.
@@ -96,10 +103,11 @@ def register(
     if not used:
         reasons = "; ".join(f"{left.strike_id}: {left.reason}" for left in left_out)
         raise EstimationError(f"no strike can be used: {reasons}")
-    twisted: set[str] = set()
+    twisted, standing_off = set[str](), set[int | str]()
     while True:
-        surface = surface_under(model, start, sizes, thickness)
-        solution = Problem(used, sizes, table, surface, twisted).solve(start)
+        surface = surface_under(model, start, sizes, thickness, standing_off)
+        free = free_turn(model, used)
+        solution = Problem(used, sizes, table, surface, twisted, free).solve(start)
         if not solution.converged:
             raise EstimationError(
                 "the strikes do not determine the markers' places:"
@@ -108,6 +116,10 @@ def register(
         more = _strikes_with_misfit(solution, TWISTED_RATIO) - twisted
         if more:
             twisted |= more
+            continue
+        off = {name for name, pull in solution.pulls.items() if abs(pull) > MAX_PULL}
+        if off:
+            standing_off |= off
             continue
         worst = max(
             _strikes_with_misfit(solution, DISAGREES_RATIO),
@@ -121,9 +133,14 @@ def register(
         used = [view for view in used if view.strike_id != worst]
         start = {**start, **solution.T_object_marker}
     _refuse_overlapping_markers(used, solution, sizes)
-    held = surface_under(model, start, sizes, thickness).fits
+    first = next(iter(solution.T_object_marker))
+    if free is not None:
+        solution = turned_as_given(solution, free, given or {})
     return Registration(
-        tuple(marker_place(name, solution, used, name in held) for name in solution.T_object_marker),
+        tuple(
+            marker_place(name, solution, used, name in surface.fits, None if free is None else first)
+            for name in solution.T_object_marker
+        ),
         tuple(left_out),
         solution,
         tuple(
@@ -208,12 +225,13 @@ def _solve_alone(
     """
     camera = view.camera
     R_world_camera, p_world_camera = camera.T_world_camera[:3, :3], camera.T_world_camera[:3, 3]
+    R_object_world = view.R_world_object.T @ matrix_from_vector(np.array([0.0, 0.0, -view.heading]))
     start: dict[int | str, Array] = {}
     for name, R, p in zip(view.marker_ids, view.R_camera_marker, view.p_camera_marker, strict=True):
         T = np.eye(4)
-        T[:3, :3] = view.R_world_object.T @ R_world_camera @ R
+        T[:3, :3] = R_object_world @ R_world_camera @ R
         T[:3, 3] = (
-            view.R_world_object.T @ (R_world_camera @ p + p_world_camera - np.array([0, 0, view.radius]))
+            R_object_world @ (R_world_camera @ p + p_world_camera - np.array([0, 0, view.radius]))
             + view.p_object_pivot
         )
         start[name] = _flattened_pose(T, model)

@@ -30,6 +30,8 @@ class Solution:
     """per recording (3,) pose of the table: tilts about W's x and y [rad], and the height [m]"""
     table_covariance: Mapping[int, Array]
     """per recording (3, 3) covariance of that pose [rad, m]"""
+    pulls: Mapping[int | str, float]
+    """per marker held to the surface: its height over it less its card's thickness, in sd of that"""
     misfit: Mapping[str, float]
     """per strike: chi^2 per degree of freedom"""
     rms_px: Mapping[int | str, float]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -75,6 +75,7 @@ def surface_under(
     start: Mapping[int | str, Array],
     sizes: Mapping[int | str, float],
     thickness: Mapping[int | str, float],
+    standing_off: Collection[int | str] = (),
 ) -> Surface:
     """Surface of the body, and the markers that a fit of marker poses holds to it.
 
@@ -86,6 +87,7 @@ def surface_under(
         start: first pose T_object_marker (4, 4) in the object frame per marker.
         sizes: edge of each marker's black square [m].
         thickness: thickness of each marker's card [m]; 0 for a marker that it does not name.
+        standing_off: markers that are not held to it, as they were seen at another height.
 
     Returns:
         Height over the surface as a function of the point; and, for each marker held to the surface, its
@@ -97,6 +99,8 @@ def surface_under(
     fits: dict[int | str, SurfaceFit] = {}
     for name, T in start.items():
         height, normal = height_over(model, T[:3, 3])
+        if name in standing_off:
+            continue
         if float(normal @ T[:3, 2]) > math.cos(MAX_TILT_ON_SURFACE) and abs(height) < MAX_HEIGHT_ON_SURFACE:
             flat = _flat_under(model, T, sizes[name], height, normal)
             fits[name] = SurfaceFit(

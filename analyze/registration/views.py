@@ -26,6 +26,9 @@ MAX_TIP_FRAMES = 60
 MODEL_SD_PX = 0.02
 """standard deviation of each corner caused by lens model and pixels [px]; it varies as the tag moves, but not
 at rest"""
+INDEPENDENT_ON_RIM = 4
+"""number of frames of a tip over a rim whose errors by lens and pixels count as independent: they depend on
+how obliquely a marker is seen, which hardly changes, and over a rim images alone give all of its pose"""
 _NO_FRAMES: tuple[IntArray, Array] = np.zeros(0, dtype=np.int64), np.zeros(0)
 """times and angles of no frames"""
 MIN_RESTING_FRAMES = 3
@@ -87,6 +90,16 @@ class StrikeView:
     """number of the recording: its strikes share a camera and a table"""
     on_curve: bool = False
     """True if the body rolls on a curve of its shape, so that no line of it stays at one height"""
+    heading: float = 0.0
+    """angle about W's z by which object and striker were turned on the table [rad]; `R_world_object` is then
+    into W turned by it"""
+    rim_centre: Array | None = None
+    """(3,) point on the axis of a round rim, in O [m]; None over a straight edge, or on another curve"""
+
+    @property
+    def on_rim(self) -> bool:
+        """True if the body tips over a round rim, a circle about a known axis."""
+        return self.rim_centre is not None
 
 
 def strike_view(
@@ -97,12 +110,13 @@ def strike_view(
     motion: TipMotion,
     setup: int = 0,
     section: SupportFunction | None = None,
+    rim_centre: Array | None = None,
 ) -> StrikeView | None:
     """Resting and tipping frames of a strike, for registration; None if it cannot be used.
 
     None if the object was not placed as planned or its motion could not be read, by the verdict, or if no
     marker was seen in three frames at rest. There are no tipping frames if the edge did not stay on the
-    table, or if the contact rolls.
+    table, or if the contact rolls other than along a circular rim.
 
     Args:
         tracks: tracks of the strike's window.
@@ -113,6 +127,8 @@ def strike_view(
         setup: number of the recording.
         section: cross-section on which the body rolls, if it is curved; only resting frames are then used.
             None for an edge with the planned rounding.
+        rim_centre: (3,) point on the axis of the planned round rim [m], in the object frame; None for a
+            straight edge, or a rim that is no circle.
     """
     if motion.verdict not in PLACED_AS_PLANNED:
         return None
@@ -125,8 +141,12 @@ def strike_view(
     ]
     if not seen:
         return None
-    time_ns, theta = _tip(motion, planned) if section is None else _NO_FRAMES
+    hinge = section is None and (rim_centre is not None or not planned.rolls)
+    time_ns, theta = _tip(motion) if hinge else _NO_FRAMES
     frames = 1 + len(time_ns)
+    model_sd = MODEL_SD_PX * (
+        max(1.0, len(time_ns) / INDEPENDENT_ON_RIM) ** 0.5 if rim_centre is not None else 1.0
+    )
     ideal, sd = np.zeros((frames, len(seen), 4, 2)), np.full((frames, len(seen)), np.inf)
     R, p = np.zeros((len(seen), 3, 3)), np.zeros((len(seen), 3))
     for j, track in enumerate(seen):
@@ -138,7 +158,7 @@ def strike_view(
         R[j], p[j] = track.R_camera_marker[middle], track.p_camera_marker[middle]
         _, index, frame = np.intersect1d(track.time_ns, time_ns, return_indices=True)
         ideal[1 + frame, j] = corners[index]
-        sd[1 + frame, j] = np.hypot(track.corner_sd_px[index], MODEL_SD_PX)
+        sd[1 + frame, j] = np.hypot(track.corner_sd_px[index], model_sd)
     direction = np.array(planned.pivot.direction, dtype=np.float64)
     return StrikeView(
         strike_id=motion.strike_id,
@@ -158,29 +178,24 @@ def strike_view(
         camera=camera,
         setup=setup,
         on_curve=section is not None,
+        heading=planned.heading_rad,
+        rim_centre=rim_centre if section is None else None,
     )
 
 
-def _tip(motion: TipMotion, planned: PlannedStrike) -> tuple[IntArray, Array]:
+def _tip(motion: TipMotion) -> tuple[IntArray, Array]:
     """Log times (n,) [ns] and tipping angles (n,) [rad] of the frames of a tip that are used.
 
     Used are at most `MAX_TIP_FRAMES` (60) frames of the fit's window, or without a fit of the free motion up
-    to balance, spread evenly over the angle. n is 0 for a strike that shows no tip over a straight edge on
-    the table: its verdict is not good, rocked back or slid (`EDGE_ON_TABLE`), it rolls on a round rim, or its
-    tip was not measured or is below `MIN_TURN_RAD` (0.1 rad).
+    to balance, spread evenly over the angle. n is 0 for a strike that shows no tip on the table: its
+    verdict is not good, rocked back or slid (`EDGE_ON_TABLE`), or its tip was not measured or is below
+    `MIN_TURN_RAD` (0.1 rad).
 
     Args:
         motion: analysed motion of the strike with its verdict and phases.
-        planned: the planned strike.
     """
     angle, phases = motion.angle, motion.phases
-    if (
-        angle is None
-        or phases is None
-        or phases.stage_one is None
-        or planned.rolls
-        or motion.verdict not in EDGE_ON_TABLE
-    ):
+    if angle is None or phases is None or phases.stage_one is None or motion.verdict not in EDGE_ON_TABLE:
         return _NO_FRAMES
     start, stop = phases.stage_one if motion.fit is None else motion.fit.window
     theta = angle.theta[start:stop]

@@ -2,9 +2,10 @@
 
 Boxes of 60 to 190 mm with a tag on each side, eight strikes over up to five edges, placed by hand: (1)
 corners drawn with noise and a bias that depends on the pixel position, and once with all errors that the
-solver allows for; (2) corners from rendered images, through the tracker; (3) recordings of the virtual rig,
-if any are named, compared with the places in their object files. (1) and (2) are made by
-tests/analyze/registration/tagged_boxes.py, which shares no code with the solver.
+solver allows for; and cans with eight cards on the flank, whose height over it is known or not, and eight
+strikes over the rim; (2) corners from rendered images, through the tracker; (3) recordings of the virtual
+rig, if any are named, compared with the places in their object files. (1) and (2) are made by tagged_boxes.py
+and tagged_cans.py of tests/analyze/registration, which share no code with the solver.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from analyze.least_squares.intervals import SIGMAS_95
 from analyze.registration.register import register
 from analyze.registration.table import LAID_BOARD, UNKNOWN_TABLE
 from tests.analyze.registration.tagged_boxes import ALLOWED, Draw, about, draw_box, errors, seen_strikes
+from tests.analyze.registration.tagged_cans import draw_can, errors_but_turn, seen_tips
 
 TARGET_TURN, TARGET_PLACE = math.radians(0.2), 3e-4
 
@@ -84,6 +86,23 @@ def simulated(
         found_at = answer.tables[0]
         tables.append(np.stack([found_at.offset - box.table, found_at.sd]))
     return found, tables
+
+
+def cans(console: Console, cases: int, seed: int, stands_off: float) -> Found:
+    """Errors of the tags of cans whose cards stand off the flank by an unstated height [m], or touch it."""
+    found, around = Found(cases=cases), range(0, 360, 45)
+    for number in track(range(cases), console=Console(stderr=True), transient=True, description="cans"):
+        rng = np.random.default_rng([seed, 5, round(1e6 * stands_off), number])
+        can = draw_can(rng, around, stands_off, stated=0.0 if stands_off else None)
+        answer = register(seen_tips(can, rng, around), can.sizes, can.thickness, can.model)
+        for left in answer.left_out:
+            console.print(f"can {number}: left out: {left.strike_id}: {left.reason}")
+        known = [place for place in answer.markers if not place.undetermined]
+        found.undetermined += len(answer.markers) - len(known)
+        # The first one's turn about the axis defines O, and its error is 0.
+        for place, turn, away in list(zip(known, *errors_but_turn(can, known), strict=True))[1:]:
+            found.add(turn, away, place.covariance)
+    return found
 
 
 def recorded(paths: tuple[Path, ...]) -> Found:
@@ -156,6 +175,8 @@ def main(recordings: tuple[Path, ...], cases: int, rendered: int, seed: int) -> 
     table.add_row("drawn corners, table unknown", *free.cells())
     worst, worst_tables = simulated(console, cases, seed, rendered=False, draw=ALLOWED)
     table.add_row("drawn corners, all errors allowed for", *worst.cells())
+    table.add_row("cans, cards on the flank", *cans(console, cases // 2, seed, 0.0).cells())
+    table.add_row("cans, cards 4 mm off", *cans(console, cases // 4, seed, 4e-3).cells())
     if rendered:
         table.add_row("rendered images", *simulated(console, rendered, seed, rendered=True)[0].cells())
     if recordings:

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from analyze.cameras.rig_file import PLUMB_LINE, read_rig
 from analyze.errors import CalibrationError, EstimationError
-from analyze.pipeline.evidence import Evidence, RecordingHead
+from analyze.pipeline.evidence import (
+    Evidence,
+    RecordingHead,
+    StrikeReading,
+    StrikeSource,
+    StruckObject,
+)
 from analyze.pipeline.merge import (
     by_start_time,
     merge_evidence,
@@ -18,18 +24,20 @@ from analyze.pipeline.merge import (
     refuse_unmergeable,
     resolve_exclusions,
 )
-from analyze.pipeline.read_evidence import read_evidence, read_head, unplaced_markers
+from analyze.pipeline.read_evidence import read_evidence, read_head, read_strike, unplaced_markers
 from analyze.pipeline.sections import rolling_outline
 from analyze.progress import Progress
 from analyze.reading.recording import open_recording
 from analyze.registration.places import MarkerPlace, TablePlace
 from analyze.registration.register import LeftOut, Registration, register
+from analyze.registration.round_body import rim_centre
 from analyze.registration.table import LAID_BOARD, UNKNOWN_TABLE
 from analyze.registration.views import StrikeView, strike_view
 from analyze.tracking.camera_model import camera_from_spec
-from analyze.types import Array
-from schemas.object_spec import parse_object_spec, read_object_spec
+from analyze.types import Array, Marker
+from schemas.object_spec import ObjectSpec, parse_object_spec, read_object_spec
 from schemas.output_file import OutputError, write_text
+from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import OBJECT_ATTACHMENT
 from schemas.toml_table import with_entry, with_entry_in_each
 
@@ -75,13 +83,10 @@ class RegisterAnswer:
     def given(self) -> dict[int | str, Array]:
         """Marker poses T_object_marker (4, 4) that the object file gives, by marker; translation in m.
 
-        They are for comparison only: the estimate does not use them. Markers without a pose are missing.
+        They are for comparison only: the estimate does not use them, but for the direction about the axis of
+        a body of revolution. Markers without a pose are missing.
         """
-        return {
-            marker.name: np.array(marker.T_object_marker)
-            for marker in self.evidence.spec.marker
-            if marker.T_object_marker is not None
-        }
+        return _stated_poses(self.evidence.spec)
 
 
 def register_recordings(
@@ -119,7 +124,10 @@ def register_recordings(
         refuse_unmergeable(heads, options.object_path is not None)
     exclude = resolve_exclusions(heads, options.exclude)
     evidence = merge_evidence(
-        [read_evidence(head, options.object_path, progress, unplaced_markers) for head in heads]
+        [
+            read_evidence(head, options.object_path, progress, unplaced_markers, _read_all_markers)
+            for head in heads
+        ]
     )
     views, unused = _views(evidence, exclude)
     spec = evidence.spec
@@ -130,6 +138,7 @@ def register_recordings(
             {marker.name: marker.thickness_m for marker in spec.marker},
             evidence.model,
             UNKNOWN_TABLE if options.find_table else LAID_BOARD,
+            _stated_poses(spec),
         )
     except EstimationError as error:
         raise EstimationError(f"{paths_text(heads)}: {error}") from None
@@ -282,9 +291,8 @@ def is_implausible(table: TablePlace) -> bool:
 def _views(evidence: Evidence, exclude: frozenset[str]) -> tuple[list[StrikeView], list[LeftOut]]:
     """Marker corners of the strikes to estimate from, at rest and tipping; and the strikes not used.
 
-    A strike is used if it is not excluded, the plan does not turn the object about the vertical, the tip
-    balanced over the planned edge, the object was placed as planned by the verdict, and a marker is seen at
-    rest.
+    A strike is used if it is not excluded, the tip balanced over the planned edge, the object was placed as
+    planned by the verdict, and a marker is seen at rest.
 
     Args:
         evidence: motions and tracks of all strikes.
@@ -302,21 +310,53 @@ def _views(evidence: Evidence, exclude: frozenset[str]) -> tuple[list[StrikeView
         view = None
         if motion.strike_id in exclude:
             reason = "left out on request"
-        elif (planned := evidence.planned(motion)).heading_rad:
-            reason = "turned on the table, where the table's tilt acts in the other direction"
         elif motion.carried_by is not None:
             reason = "balanced over another line than the planned edge, about which its tip began"
         else:
             reason = f"no marker is surely at rest: {motion.verdict.value}: {motion.reason}"
             if (report := evidence.tracking.get(motion.strike_id)) is not None:
                 setup = evidence.recorded_in.get(motion.strike_id, 0)
+                planned = evidence.planned(motion)
                 section = rolling_outline(evidence.model, planned)
-                view = strike_view(report.tracks, markers, cameras[setup], planned, motion, setup, section)
+                centre = rim_centre(evidence.model, planned)
+                view = strike_view(
+                    report.tracks, markers, cameras[setup], planned, motion, setup, section, centre
+                )
         if view is None:
             unused.append(LeftOut(motion.strike_id, reason))
         else:
             views.append(view)
     return views, unused
+
+
+def _read_all_markers(
+    recording: StrikeSource, struck: StruckObject, markers: list[Marker], record: pb.StrikeRecord
+) -> StrikeReading:
+    """Motion and tracks of one strike; over a round rim of all markers in view, not only the planned ones.
+
+    A round rim does not show how the body is turned: what ties markers together is that images show several.
+
+    Args:
+        recording: complete recording, or one still being written.
+        struck: object, shape and plan.
+        markers: markers of the object to track.
+        record: the recording's entry of the strike.
+    """
+    strikes = [
+        strike.model_copy(update={"visible_markers": []}) if strike.rolls else strike
+        for strike in struck.plan.strikes
+    ]
+    plan = struck.plan.model_copy(update={"strikes": strikes})
+    return read_strike(recording, replace(struck, plan=plan), markers, record)
+
+
+def _stated_poses(spec: ObjectSpec) -> dict[int | str, Array]:
+    """Poses T_object_marker (4, 4) that an object file states, by marker; translation in m."""
+    return {
+        marker.name: np.array(marker.T_object_marker)
+        for marker in spec.marker
+        if marker.T_object_marker is not None
+    }
 
 
 def _object_toml(head: RecordingHead, options: RegisterOptions) -> str:

@@ -16,6 +16,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from analyze.geometry.object_model import load_object_model
+from analyze.geometry.station import turned_camera
 from analyze.motion.strike import analyse_strike
 from analyze.motion.strike_task import StrikeTask
 from analyze.pipeline.read_evidence import unplaced_markers
@@ -163,7 +164,7 @@ def plan_of(size, edge, number=0):
 
 def facing(plan):
     """Number of the tag on the side that faces the camera."""
-    direction = -np.array(plan.pivot.direction)
+    direction = -np.array(plan.pivot.direction) * math.cos(plan.heading_rad)
     axis = int(np.argmax(np.abs(direction)))
     return 2 * axis + (0 if direction[axis] > 0 else 1)
 
@@ -180,6 +181,7 @@ def poses(box, plan, course, yaw=0.0, at=(0.0, 0.0), off_edge=(0.0, 0.0, 0.0), l
     R_cw = box.camera.T_world_camera[:3, :3].T
     lay = np.eye(3) if lay is None else lay
     R_nominal = np.array(plan.R_world_object) @ lay
+    on_table = about([0, 0, 1], plan.heading_rad)
     pivot = lay.T @ np.array(plan.pivot.point) + np.array(off_edge)
     Rs, ps = [], []
     yaws, places = np.broadcast_to(yaw, len(course.theta)), np.broadcast_to(at, (len(course.theta), 2))
@@ -190,8 +192,10 @@ def poses(box, plan, course, yaw=0.0, at=(0.0, 0.0), off_edge=(0.0, 0.0, 0.0), l
         edge = about([0, 0, 1], turn) @ np.array([slip + EDGE_RADIUS * theta, 0.0, 0.0])
         edge = edge + np.array([*place, EDGE_RADIUS + lift])
         p = R @ (T[:3, 3] - pivot) + edge
-        Rs.append(R_cw @ E @ R @ T[:3, :3])
-        ps.append(R_cw @ (E @ p + np.array([0, 0, box.table[2]]) - box.camera.T_world_camera[:3, 3]))
+        Rs.append(R_cw @ E @ on_table @ R @ T[:3, :3])
+        ps.append(
+            R_cw @ (E @ on_table @ p + np.array([0, 0, box.table[2]]) - box.camera.T_world_camera[:3, 3])
+        )
     return np.array(Rs), np.array(ps)
 
 
@@ -223,7 +227,7 @@ def strike_course(box, edge, rng):
     )
 
 
-def seen_strikes(box, rng, strikes=8, draw=None, rendered=False, wrong=None, section=None):
+def seen_strikes(box, rng, strikes=8, draw=None, rendered=False, wrong=None, section=None, turned=()):
     """Views of simulated strikes for registration, made by the code that a session uses.
 
     Args:
@@ -234,12 +238,14 @@ def seen_strikes(box, rng, strikes=8, draw=None, rendered=False, wrong=None, sec
         rendered: True to find the corners in rendered images, False to draw them.
         wrong: by number of a strike, rotation (3, 3) of the object against its placement card.
         section: section of a curved flank from the shape; None for an edge.
+        turned: numbers of the strikes with object and striker turned by 180 degrees on the table.
     """
     draw, markers, views = draw or Draw(), unplaced_markers(box.spec), []
     off = {edge: rng.normal(0, EDGE_SD, 3) for edge in box.edges}
     for number in range(strikes):
         edge = box.edges[number % len(box.edges)]
         plan = plan_of(box.size, edge, number + 1)
+        plan = plan.model_copy(update={"heading_rad": math.pi if number in turned else 0.0})
         across = off[edge] - np.array(plan.pivot.direction) * (off[edge] @ np.array(plan.pivot.direction))
         course = strike_course(box, edge, rng)
         if rendered:
@@ -251,10 +257,11 @@ def seen_strikes(box, rng, strikes=8, draw=None, rendered=False, wrong=None, sec
         tracks = (
             _rendered(box, plan, course, R, p, rng)
             if rendered
-            else [_drawn(box, plan, course, R, p, draw, rng)]
+            else [drawn_track(box.camera, facing(plan), course, R, p, draw, rng)]
         )
         time_ns = T0 + int(course.time[-1] * 1e9)
-        motion = analyse_strike(tracks, markers, box.camera, StrikeTask(plan.id, plan, T0, time_ns))
+        camera = turned_camera(box.camera, plan.heading_rad)
+        motion = analyse_strike(tracks, markers, camera, StrikeTask(plan.id, plan, T0, time_ns))
         view = strike_view(tracks, markers, box.camera, plan, motion, section=section)
         if view is not None:
             views.append(view)
@@ -293,16 +300,17 @@ def _unsteady(yaw, at, course, draw, rng):
     )
 
 
-def _drawn(box, plan, course, R, p, draw, rng):
-    ideal = np.array([project(box.camera, corners_of(SIZE) @ a.T + b) for a, b in zip(R, p, strict=True)])
+def drawn_track(camera, number, course, R, p, draw, rng):
+    """Track of tag `number` at true poses R (n, 3, 3), p (n, 3) [m] in the camera frame; with errors."""
+    ideal = np.array([project(camera, corners_of(SIZE) @ a.T + b) for a, b in zip(R, p, strict=True)])
     # A bias that repeats with the pixels, in its own way for every corner.
     lock = draw.lock_px * np.sin(2 * math.pi * (ideal + rng.uniform(0, 1, (4, 2))))
     seen = ideal + lock + rng.normal(0, CORNER_PX, ideal.shape)
-    inside = np.all((seen > 2) & (seen < [box.camera.width - 3, box.camera.height - 3]), axis=(1, 2))
+    inside = np.all((seen > 2) & (seen < [camera.width - 3, camera.height - 3]), axis=(1, 2))
     stop = int(np.argmin(inside)) if not np.all(inside) else len(seen)
     time_ns = np.rint(course.time * 1e9).astype(np.int64) + T0
     return MarkerTrack(
-        facing(plan), time_ns[:stop], seen[:stop], np.full(stop, CORNER_PX), R[:stop], p[:stop], len(seen)
+        number, time_ns[:stop], seen[:stop], np.full(stop, CORNER_PX), R[:stop], p[:stop], len(seen)
     )
 
 

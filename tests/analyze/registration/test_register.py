@@ -110,6 +110,20 @@ def test_a_tip_over_a_curved_flank_is_left_out():
     assert "rolls on a curve" in flank.remedy
 
 
+def test_strikes_turned_on_the_table_tell_the_tables_tilt_from_the_edges():
+    """Object and striker turned by 180 degrees: the table leans the other way, the other side's tags show."""
+    rng = np.random.default_rng(21)
+    box = replace(draw_box(rng, edges=2), table=np.array([0.004, -0.003, 5e-4]))
+    answer = found(box, seen_strikes(box, rng, strikes=4, turned=(1, 2)))
+    assert not answer.left_out
+    assert len(answer.markers) > 2
+    for place in answer.markers:
+        turn, away = errors(box, place)
+        assert np.linalg.norm(turn) < TURN
+        assert np.linalg.norm(away) < PLACE
+    assert np.all(np.abs(answer.tables[0].offset - box.table) < 4 * answer.tables[0].sd)
+
+
 def test_a_wrong_placement_is_found_and_left_out():
     rng = np.random.default_rng(7)
     box = draw_box(rng, edges=2)
