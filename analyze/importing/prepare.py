@@ -164,7 +164,9 @@ def _read_plan(path: Path, files: ObjectFiles) -> _Struck:
     plan = parse_strike_plan(text, str(path))
     if plan.object_sha256 != files.sha256:
         raise ImportRefused(
-            f"{path}: made for another object than {files.spec.name!r}: repeat `analyze plan` for this one"
+            f"{path}: made for another object than {files.spec.name!r}: repeat `analyze plan` for this one; "
+            "or, if the object file was edited after the strikes, import with the one of the plan, then "
+            "`analyze rebase` the recording"
         )
     return _Struck(plan, text)
 
