@@ -95,7 +95,7 @@ PURE = {
     "analyze/geometry": FOUNDATION | {"analyze.geometry", "io.BytesIO", "pathlib.PurePath"} | SHAPE_FORMATS,
     "analyze/planning": (
         FOUNDATION
-        | {"analyze.planning", "analyze.geometry", "analyze.tracking.camera_model"}
+        | {"analyze.planning", "analyze.geometry", "analyze.tracking.camera_model", "re"}
         | {f"analyze.motion.{name}" for name in ("moulded", "rolling_choice", "support_function", "supports")}
     ),
     "analyze/tracking": FOUNDATION | {"analyze.tracking", "cv2"},

@@ -130,7 +130,7 @@ def _refuse_inward(model: ObjectModel, spec: ObjectSpec, marker: MarkerSpec, ste
     front, back = model.depth(np.array([centre + step * out, centre - step * out]))
     if front > 0 > back:
         raise PlanError(
-            f"{spec.name}: marker {marker.name} faces into the object: correct T_object_marker, its third "
+            f"{spec.name}: marker {marker.name} looks into the object: correct T_object_marker, its third "
             "column is the direction out of the tag's face, the first points right on it, the second up"
         )
 

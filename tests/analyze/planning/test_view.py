@@ -173,7 +173,7 @@ def test_tag_that_faces_into_the_object_is_refused(index):
     pose = np.array(markers[index]["T_object_marker"])
     pose[:3, 1:3] *= -1
     markers[index]["T_object_marker"] = pose.tolist()
-    with pytest.raises(PlanError, match=f"marker {index} faces into the object: correct T_object_marker"):
+    with pytest.raises(PlanError, match=f"marker {index} looks into the object: correct T_object_marker"):
         check(markers)
 
 
