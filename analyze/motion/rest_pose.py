@@ -38,6 +38,8 @@ MODEL_PX = 0.01
 UNMEASURED_TURN_SD = 0.1
 """standard deviation [rad] of a marker's turn on the object that nobody measured: none is stated, or one as
 large as that which is then assumed"""
+_SAME_SIDE = math.radians(30.0)
+"""range of the angle between the camera's direction of sight and the pivot edge that is one side [rad]"""
 _MAX_STEPS, _STEP_TOLERANCE = 12, 1e-9
 """Gauss-Newton steps, and the step [rad, m] that ends them"""
 
@@ -144,14 +146,27 @@ def rest_turn(
         return None
     axis = R_world_marker[1]
     by_image = math.sqrt(float(axis @ pose.turn_covariance @ axis))
-    place = " ".join(f"{value:.6f}" for value in camera.T_world_camera[:3].ravel().tolist())
     return RestTurn(
         angle=float(vector[1]),
         sd=math.hypot(by_image, systematic_sd, 0.5 * camera.strain_sd),
         marker=str(marker.id),
         marker_sd=marker.turn_sd if marker.turn_sd < MARKER_TURN_SD else UNMEASURED_TURN_SD,
-        camera=place,
+        camera=_camera_side(camera.T_world_camera),
     )
+
+
+def _camera_side(T_world_camera: Array) -> str:
+    """Name of a camera's tilt and height, and of the side from which it sees the pivot edge.
+
+    Strikes whose headings differ by a few degrees see the edge from one side: they share the error of the
+    camera's roll. An object that is turned by 180 degrees shows it with the other sign.
+
+    Args:
+        T_world_camera: (4, 4) pose of the camera in the world frame of a strike [m].
+    """
+    sight = math.atan2(float(T_world_camera[0, 2]), float(T_world_camera[1, 2]))
+    side = round(sight / _SAME_SIDE) % round(2 * math.pi / _SAME_SIDE)
+    return " ".join([*(f"{value:.6f}" for value in T_world_camera[2].tolist()), str(side)])
 
 
 def _moved(pose: tuple[Array, Array], step: Array) -> tuple[Array, Array]:

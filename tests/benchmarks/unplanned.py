@@ -42,7 +42,7 @@ from tests.analyze.importing.unplanned_sessions import (
 
 SESSIONS = 20
 MAX_DIFFERENCE_MM = 0.02
-"""largest difference of the centre of mass with and without the plan, if all motions were fitted alike [mm]"""
+"""largest difference of the centre of mass with and without the plan, if all motions are fitted alike [mm]"""
 OTHER_FIT_RAD = math.radians(0.05)
 """difference of phi from which on a motion was fitted otherwise, as on another edge or with rolling [rad]"""
 
