@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from analyze.geometry.station import turned_camera
+from analyze.motion.rest_pose import _camera_side
 from analyze.motion.strike import analyse_strike
 from analyze.motion.strike_task import StrikeTask
 from analyze.types import MARKER_TURN_SD
@@ -13,13 +15,13 @@ from tests.analyze.motion.tipping import camera, marker, planned, simulate, trac
 ANCHOR = 10**18
 
 
-def rest_turns(crumb, mark=None, stated=None, **how):
+def rest_turns(crumb, mark=None, stated=None, seen_from=None, **how):
     """Turns at rest of a strike before which the object stood turned by `crumb` [rad] towards the tip."""
     tip = simulate(1.05)
     tip = replace(tip, theta=tip.theta + crumb)
     track = track_of(tip, np.random.default_rng(7), mark=mark, **how)
     task = StrikeTask("s1.1", planned(), int(tip.contact * 1e9) + ANCHOR, int(tip.time[-1] * 1e9) + ANCHOR)
-    return analyse_strike([track], [stated or mark or marker()], camera(), task).rest_turns
+    return analyse_strike([track], [stated or mark or marker()], seen_from or camera(), task).rest_turns
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.03])
@@ -44,3 +46,9 @@ def test_views_from_one_place_have_one_camera_name():
     first, second = (rest_turns(crumb)[0] for crumb in (0.0, 0.005))
     assert first.camera == second.camera
     assert first.marker == second.marker == "3"
+
+
+def test_headings_of_a_few_degrees_have_one_camera_name_and_those_half_a_turn_apart_two():
+    names = [rest_turns(0.0, seen_from=turned_camera(camera(), heading))[0].camera for heading in (0.0, 0.03)]
+    assert names[0] == names[1]
+    assert _camera_side(turned_camera(camera(), np.pi).T_world_camera) != names[0]
