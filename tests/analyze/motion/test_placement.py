@@ -26,7 +26,7 @@ def session():
     for edge, plan in zip(box.edges, plans, strict=True):
         course, draw = boxes.strike_course(box, edge, rng), boxes.Draw()
         R, p = boxes.poses(box, plan, course, rng.normal(0, draw.yaw), rng.normal(0, draw.place, 2))
-        tracks.append(boxes._drawn(box, plan, course, R, p, draw, rng))
+        tracks.append(boxes.drawn_track(box.camera, boxes.facing(plan), course, R, p, draw, rng))
     markers = [Marker(each.name, each.size_m, box.T[each.name]) for each in box.spec.marker]
     return box, plans, tracks, markers
 

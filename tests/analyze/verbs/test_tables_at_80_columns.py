@@ -37,6 +37,7 @@ from analyze.verbs.cache import _render as render_cache
 from analyze.verbs.calibrate.table import render_calibration
 from analyze.verbs.parts import render_bodies
 from analyze.verbs.plan.table import render_plan
+from analyze.verbs.rebase.table import render_rebase
 from analyze.verbs.register.table import render_registration
 from schemas.quantity import Quantity
 from schemas.result import Filling, PartResult, Parts
@@ -151,7 +152,7 @@ def show_cache() -> None:
     render_cache([entry])
 
 
-def show_import() -> None:
+def show_import(found: bool = False) -> None:
     onset = SimpleNamespace(markers=(0, 12), time_ns=12_340_000_000)
     clip = SimpleNamespace(
         path=Path("VID_20260101_123456789_slowmotion.mp4"), onsets=[onset, onset], last_ns=15_000_000_000
@@ -163,6 +164,13 @@ def show_import() -> None:
         for name in STRIKES
     ]
     planned = SimpleNamespace(id="s1", visible_markers=(3,))
+    if found:
+        with open_recording(SAMPLE) as recording:
+            assert recording.plan is not None
+            planned, spec = recording.plan.strikes[0], recording.manifest.object
+        axis = SimpleNamespace(id=planned.axis_id, plane=SimpleNamespace(up=np.array([0.0, 0.0, 1.0])))
+        fit = SimpleNamespace(tip=SimpleNamespace(axis=axis), angle=0.2, lean=0.01, offset=0.012)
+        match = SimpleNamespace(best=fit, following=fit)
     render_import(
         SimpleNamespace(
             windows=windows,
@@ -172,9 +180,26 @@ def show_import() -> None:
             assignment=SimpleNamespace(value="by the tags"),
             rate_hz=120.0,
             formats="H.264",
-            place=None,
+            place=SimpleNamespace(deviation_rad=0.01, deviation_m=0.001, views=3),
             remarks=list,
+            found=[SimpleNamespace(strike_id=name, match=match, heading=-3.1) for name in STRIKES]
+            if found
+            else None,
+            object=SimpleNamespace(spec=spec if found else None),
         )
+    )
+
+
+def show_rebase() -> None:
+    change = SimpleNamespace(
+        entry="marker.3.T_object_marker", before="0.1234 kg", after="0.2345 kg", effect="places of tags"
+    )
+    shift = SimpleNamespace(
+        strike_id="s10.2", axis_id="p12e10", shift_m=1e-3, allowed_m=3.4e-4, turn_rad=0.01, allowed_rad=0.002
+    )
+    spec = SimpleNamespace(name="tea box")
+    render_rebase(
+        SimpleNamespace(changes=(change, change), shifts=(shift, shift), files=SimpleNamespace(spec=spec))
     )
 
 
@@ -272,6 +297,7 @@ SHOWN: dict[str, Callable[..., None]] = {
     "analyze.report.summary": show_estimate,
     "analyze.result.score": show_score,
     "analyze.verbs.plan.table": show_plan,
+    "analyze.verbs.rebase.table": show_rebase,
     "analyze.verbs.register.table": show_registration,
     "analyze.verbs.parts": show_parts,
     "analyze.verbs.cache": show_cache,
@@ -307,6 +333,11 @@ def test_tables(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_strikes_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(SHOWN, "by hand", lambda: show_plan(by_hand=True))
     test_tables("by hand", monkeypatch)
+
+
+def test_strikes_that_nobody_planned(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(SHOWN, "found", lambda: show_import(found=True))
+    test_tables("found", monkeypatch)
 
 
 def test_a_broken_heading_is_a_fault() -> None:
