@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+import pyarrow as pa
+
 from analyze.replay.viewer import ReplayError, Viewer, native_viewer, web_viewer
 
 if TYPE_CHECKING:
@@ -59,6 +61,9 @@ class ToViewer:
         Raises:
             ReplayError: the viewer does not accept data.
         """
+        # At its first array of Python objects pyarrow imports pandas and ignores every exception on the way,
+        # Ctrl-C too: not while the user already sees an address. The viewer is starting meanwhile.
+        pa.array([""])
         self._viewer.wait_until_ready()
         stream.connect_grpc(self._viewer.url)
 
