@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
 import manifold3d
 import numpy as np
@@ -215,3 +216,24 @@ def made(name: str, seed: int = 0) -> MadeObject:
         com,
         inertia,
     )
+
+
+def write_object_file(folder: Path, thing: MadeObject, **more: float) -> Path:
+    """Write an object's mesh (STL, in mm) and its object file, with one tag without place.
+
+    Args:
+        folder: where to write `NAME.stl` and `NAME.toml`.
+        thing: the object.
+        more: further entries of the object file, by key.
+
+    Returns:
+        Path of the object file.
+    """
+    (folder / f"{thing.name}.stl").write_bytes(thing.stl)
+    path = folder / f"{thing.name}.toml"
+    rows = "".join(f"{name} = {value}\n" for name, value in more.items())
+    path.write_text(
+        f'name = "{thing.name}"\nmass_kg = {thing.mass:.6f}\nmass_sd_kg = 0.0001\n{rows}'
+        f'[shape]\nfile = "{thing.name}.stl"\nunit = "mm"\n[[marker]]\nid = 0\nsize_m = 0.03\n'
+    )
+    return path

@@ -17,6 +17,7 @@ from analyze.types import CameraModel
 from tests import make_phone_videos as renderer
 from tests.analyze.calibration import plumb_scenes
 from tests.analyze.calibration.boards import TrueBoard, facing, photograph
+from tests.analyze.fixture_objects import made, write_object_file
 from tests.analyze.importing.foreign_files import write_bag, write_foxglove
 from tests.analyze.motion.falling import Drop, pose
 from tests.analyze.tracking.rendering import render
@@ -96,6 +97,21 @@ def write_labelled_object(folder: Path) -> None:
     layers = next(body for body in snippets(DOCS / "how-to" / "parts.md", "toml") if "between_m" in body)
     plain = (folder / "teabox.toml").read_text(encoding="utf-8")
     (folder / "labelled.toml").write_text(f"shell_thickness_m = 0.001\n{plain}\n{layers}", encoding="utf-8")
+
+
+def write_objects_for_fixtures(folder: Path) -> None:
+    """Write the object files of scissors, a spoon and a mug, each with its mesh."""
+    for name in ("scissors", "spoon", "mug"):
+        write_object_file(folder, made(name))
+
+
+def write_corrected_object(folder: Path) -> None:
+    """Write `FIXED.toml`, the tutorial's object weighed again: 1.5 g heavier."""
+    recorded = (folder / "teabox.toml").read_text(encoding="utf-8")
+    corrected = recorded.replace("mass_kg = 0.182", "mass_kg = 0.1835")
+    if corrected == recorded:
+        raise ValueError("teabox.toml does not state the mass that the page prints")
+    (folder / "FIXED.toml").write_text(corrected, encoding="utf-8")
 
 
 def _all_strikes(folder: Path) -> Iterator[Image]:

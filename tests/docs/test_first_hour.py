@@ -56,10 +56,12 @@ ON_A_RIG = "acquire .*|analyze .*(--rig|first.mcap) .*"
 """lines of `ANYWHERE` for a rig; the others are for a phone"""
 GIVEN = {
     "docs/how-to/calibrate-camera.md": newcomer_files.write_board_images,
+    "docs/how-to/fixtures.md": newcomer_files.write_objects_for_fixtures,
     "docs/how-to/frame-rate.md": newcomer_files.write_drop,
     "docs/how-to/gravity.md": newcomer_files.write_plumb_line,
     "docs/how-to/import-topics.md": newcomer_files.write_topics,
     "docs/how-to/import-videos.md": newcomer_files.write_one_video,
+    "docs/how-to/object-file.md": newcomer_files.write_corrected_object,
     "docs/how-to/parts.md": newcomer_files.write_labelled_object,
 }
 """files that a page takes for granted, besides those of the phone tutorial"""
