@@ -10,7 +10,7 @@ from rich.console import Console
 from scipy.optimize import brentq
 
 from schemas.result import Result
-from tests.benchmarks.honesty.scores import Score, score_session
+from tests.benchmarks.honesty.scores import Score, SessionScore, score_session
 from tests.benchmarks.honesty.session import run_session, specimen
 from tests.benchmarks.honesty.statics import true_tip
 from tests.benchmarks.honesty.struck import Bank
@@ -29,6 +29,19 @@ def test_session_is_scored_and_printed(tmp_path):
     out = io.StringIO()
     print_tables(Console(file=out, width=190), [scored])
     assert "centre of mass" in out.getvalue()
+
+
+def test_intervals_of_one_specimen_count_as_one_for_the_deviation():
+    """One specimen of five misses in each of its ten sessions: 20 %, to about as much."""
+    sessions = []
+    for seed in range(5):
+        missed = 3.0 if seed == 0 else 0.0
+        for disturbance in 10 * ["none"]:
+            score = Score("c (mm)", "cx", "trust", missed, 0.0, -1.0, 1.0)
+            sessions.append(SessionScore("lump", disturbance, seed, scores=[score]))
+    out = io.StringIO()
+    print_tables(Console(file=out, width=190), sessions)
+    assert "80±20 " in out.getvalue()
 
 
 def _assert_regions_are_cut_along_the_answers_plane(trial, scored):

@@ -36,6 +36,9 @@ FAR = 2.0
 """half widths from the interval's middle, beyond which a trusted quantity is grossly wrong"""
 LISTED = 10
 
+ScoreOf = tuple[str, Score]
+"""specimen (body and seed) to which a score belongs, and the score"""
+
 
 def print_tables(console: Console, sessions: Sequence[SessionScore]) -> None:
     """Print all tables of the sessions."""
@@ -44,7 +47,7 @@ def print_tables(console: Console, sessions: Sequence[SessionScore]) -> None:
         f"{len(sessions)} sessions, {len(answered)} answered; "
         f"{np.mean([session.seconds for session in sessions]):.2f} s each"
     )
-    coverage = "share of 95 % intervals that hold (%), rms error over stated sd"
+    coverage = "share of 95 % intervals that hold (%) ± 1 sd by specimen, rms error over stated sd"
     console.print(_by(answered, lambda each: each.disturbance, f"{coverage}, by disturbance", _coverage))
     console.print(_by(answered, lambda each: each.disturbance, "median half width of the intervals", _width))
     undisturbed = [session for session in answered if session.disturbance == "none"]
@@ -63,13 +66,13 @@ def _by(
     sessions: Iterable[SessionScore],
     key: Callable[[SessionScore], str],
     title: str,
-    cell: Callable[[list[Score]], str],
+    cell: Callable[[list[ScoreOf]], str],
 ) -> Table:
     """Table with one row per `key` and one column per group of quantities."""
-    rows: dict[str, dict[str, list[Score]]] = defaultdict(lambda: defaultdict(list))
+    rows: dict[str, dict[str, list[ScoreOf]]] = defaultdict(lambda: defaultdict(list))
     for session in sessions:
         for score in session.scores:
-            rows[key(session)][score.quantity].append(score)
+            rows[key(session)][score.quantity].append((f"{session.body}:{session.seed}", score))
     groups = [group for group in GROUPS if any(group in row for row in rows.values())]
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     table.add_column("", no_wrap=True, min_width=17)
@@ -80,18 +83,30 @@ def _by(
     return table
 
 
-def _coverage(scores: list[Score]) -> str:
-    """Share that holds with its binomial error [%], and rms of error over sd."""
-    held = np.mean([score.holds for score in scores])
-    spread = 100 * math.sqrt(max(held * (1 - held), 0.25 / len(scores)) / len(scores))
+def _coverage(scored: list[ScoreOf]) -> str:
+    """Share that holds [%] with its standard deviation, and rms of error over sd.
+
+    Intervals of one specimen are not independent: its disturbances share its bevels, tags and motions. The
+    deviation is that of a mean over clusters (Liang and Zeger, 1986); where all hold or none, or there is one
+    specimen, it is half of one specimen's share.
+    """
+    scores = [score for _, score in scored]
+    held = np.array([score.holds for score in scores], dtype=float)
+    share = float(held.mean())
+    sums: dict[str, float] = defaultdict(float)
+    for (specimen, _), off in zip(scored, held - share, strict=True):
+        sums[specimen] += float(off)
+    number = len(sums)
+    spread = math.sqrt(sum(each * each for each in sums.values()) * number / max(number - 1, 1)) / len(scores)
+    spread = max(spread, 0.5 / number if share in {0.0, 1.0} or number == 1 else 0.0)
     sds = np.array([max(score.half / SIGMAS, 1e-12) for score in scores])
     errors = np.array([score.value - score.truth for score in scores])
     ratio = min(float(np.sqrt(np.mean((errors / sds) ** 2))), 99)
-    return f"{100 * held:.0f}±{spread:.0f} {ratio:.{1 if ratio < 9.95 else 0}f}"
+    return f"{100 * share:.0f}±{100 * spread:.0f} {ratio:.{1 if ratio < 9.95 else 0}f}"
 
 
-def _width(scores: list[Score]) -> str:
-    return f"{np.median([score.half for score in scores]):.2g}"
+def _width(scored: list[ScoreOf]) -> str:
+    return f"{np.median([score.half for _, score in scored]):.2g}"
 
 
 def _subject(score: Score) -> str | None:
