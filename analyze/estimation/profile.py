@@ -14,7 +14,7 @@ of normal distributions, one per s.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from analyze.estimation.joint import JointSolution, MomentModel, solve_joint, wi
 from analyze.estimation.joint_model import COM, SECOND, JointModel
 from analyze.estimation.posterior import Posterior, derived, linear_posterior, mixture_posterior
 from analyze.estimation.priors import ComPrior, SystematicErrors
+from analyze.estimation.profile_walk import ProfilePoint, walk
 from analyze.estimation.second_moments import symmetric_entries, unit_inertia
 from analyze.types import Array, EquiPlane
 
@@ -32,10 +33,6 @@ problem is solved at points along that direction."""
 FILLING_FACTOR = 3.0
 """Factor on the shape's prior sd of the moments along an open direction: a body with its mass in one lump
 then lies within about 1.3 sd."""
-MAX_DROP = 5.0
-"""Decrease of the log density from its largest value at which the walk ends (3.2 sd of a normal)."""
-MAX_CHANGE = 1.6
-"""Largest change of the log density from one point to the next; a longer step is shortened."""
 MAX_POINTS = 13
 """Largest number of points s tried on either side of the solution, along one direction."""
 MAX_COARSE_POINTS = 7
@@ -46,23 +43,6 @@ NEGLIGIBLE_WEIGHT = 1e-6
 """Probability below which a point is left out."""
 CONVERGED_DECREASE = 3e-3
 """Decrease of the misfit in a step below which a point is solved."""
-
-
-@dataclass(frozen=True)
-class _Point:
-    """Least-squares solution of all strikes, with the centre of mass c held at given coordinates.
-
-    It is held along one or two directions.
-    """
-
-    x: Array
-    """(count,) unknowns."""
-    covariance: Array
-    """(count, count) covariance of the unknowns given the held coordinates of c."""
-    log_density: float
-    """Logarithm of the density of the held coordinates, up to a constant."""
-    slopes: Array
-    """(n, count) change of the unknowns per metre of the held coordinates."""
 
 
 class _Problem:
@@ -91,7 +71,7 @@ class _Problem:
         at = np.abs(self.solution.x[COM] - self.prior.mean) / self.prior.sd
         return bool(np.all(off <= np.maximum(1.0, at)))
 
-    def solved(self, x: Array, directions: Array, values: Array) -> _Point:
+    def solved(self, x: Array, directions: Array, values: Array) -> ProfilePoint:
         """Most likely solution with c (centre of mass) held at the coordinates `values` along `directions`.
 
         Args:
@@ -118,7 +98,7 @@ class _Problem:
         lifted = np.zeros((len(directions), len(x)))
         lifted[:, COM] = directions
         slopes = lifted - lifted @ normal @ covariance
-        return _Point(x, covariance, volume - normalised - misfit / 2, slopes)
+        return ProfilePoint(x, covariance, volume - normalised - misfit / 2, slopes)
 
 
 def profiled_posterior(
@@ -152,11 +132,9 @@ def profiled_posterior(
     if not len(directions):
         return linear_posterior(solution)
     problem = _Problem(solution, prior, wide_moments)
-    values = directions @ solution.x[COM]
     sds = np.sqrt(np.einsum("ni,ij,nj->n", directions, solution.covariance[COM, COM], directions))
     points = MAX_POINTS if len(directions) == 1 else MAX_COARSE_POINTS
-    middle = problem.solved(solution.x, directions, values)
-    return _mixture(solution.model, directions, _walk(problem, directions, sds, middle, points))
+    return _mixture(solution.model, directions, walk(problem, directions, sds, solution.x, points))
 
 
 def open_directions(solution: JointSolution, prior: ComPrior) -> Array:
@@ -192,69 +170,7 @@ def open_directions(solution: JointSolution, prior: ComPrior) -> Array:
     return np.linalg.qr(directions.T)[0].T
 
 
-def _walk(
-    problem: _Problem, directions: Array, sds: Array, start: _Point, most: int
-) -> list[tuple[_Point, Array]]:
-    """Solutions with c held at points along one or two directions, each with the lengths it stands for.
-
-    c is the centre of mass; the lengths (n,) [m] are those of the part of each direction between neighbouring
-    points. With two directions, a line along the second is walked from every point of the first.
-
-    Args:
-        problem: Problem of all strikes.
-        directions: (n, 3) orthonormal directions, in the object frame O.
-        sds: (n,) sd of c along them by linear propagation [m].
-        start: Solution with c held along all of them.
-        most: Largest number of points on either side.
-    """
-    line = _line(problem, directions, 0, float(sds[0]), start, most)
-    if len(directions) == 1:
-        return [(point, np.array([part])) for point, part in line]
-    return [
-        (point, np.array([part, other]))
-        for first, part in line
-        for point, other in _line(problem, directions, 1, float(sds[1]), first, most)
-    ]
-
-
-def _line(
-    problem: _Problem, directions: Array, moving: int, sd: float, start: _Point, most: int
-) -> list[tuple[_Point, float]]:
-    """Solutions with c held at points along one direction, each with the length [m] that it stands for.
-
-    The direction is row `moving` of `directions` (n, 3), in the object frame O; along another one, c stays
-    where it is at `start`. The first step is a third of `sd` [m]. Steps grow where the log density is flat
-    and shrink where it falls fast. On either side at most `most` steps are tried, until the log density has
-    fallen by `MAX_DROP`. A step by which c would leave the box that its prior is made from is shortened.
-    """
-    held = directions @ start.x[COM]
-    at, points = [float(held[moving])], [start]
-    for sign in (-1.0, 1.0):
-        step, place, point = sd / 3, float(held[moving]), start
-        best = max(each.log_density for each in points)
-        for _ in range(most):
-            values = held.copy()
-            values[moving] = place + sign * step
-            there = problem.solved(point.x + sign * step * point.slopes[moving], directions, values)
-            change = abs(there.log_density - point.log_density)
-            if change > MAX_CHANGE or not problem.inside(there.x):
-                step *= 0.4
-                continue
-            place = float(values[moving])
-            step *= 1.5 if change < MAX_CHANGE / 4 else 1.0
-            at.append(place)
-            points.append(there)
-            point, best = there, max(best, there.log_density)
-            if there.log_density < best - MAX_DROP:
-                break
-    order = np.argsort(at)
-    places = np.array(at)[order]
-    edges = np.concatenate([places[:1], (places[1:] + places[:-1]) / 2, places[-1:]])
-    parts = np.diff(edges) if len(places) > 1 else np.array([sd])
-    return [(points[i], float(part)) for i, part in zip(order.tolist(), parts.tolist(), strict=True)]
-
-
-def _mixture(model: JointModel, directions: Array, points: list[tuple[_Point, Array]]) -> Posterior:
+def _mixture(model: JointModel, directions: Array, points: list[tuple[ProfilePoint, Array]]) -> Posterior:
     """Mixture of the normal distributions at solutions with the centre of mass held along `directions`.
 
     `points` holds each solution with the lengths (n,) [m] of the n directions that it stands for; its weight
