@@ -325,6 +325,7 @@ class RadiusSource(enum.Enum):
     STATED = "stated for all edges"
     EDGE = "stated for this edge"
     SCAN = "measured on the scan"
+    BLURRED = "at most that on the scan"
     SHAPE = "part of the shape"
     ASSUMED = "not given"
 
@@ -348,6 +349,11 @@ class RadiusPrior:
     def sd(self) -> float:
         """Standard deviation [m] of the radius, from its shared errors and its own together."""
         return math.hypot(self.common_sd, self.face_sd, self.own_sd)
+
+    @property
+    def blurred_sd(self) -> float | None:
+        """`sd` [m] if a scan leaves the radius open, as its meshing rounds every edge; None otherwise."""
+        return self.sd if self.source is RadiusSource.BLURRED else None
 
 
 @dataclass(frozen=True)

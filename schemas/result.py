@@ -232,7 +232,7 @@ class EdgeRadiusResult(Document):
     expected_sd_m: float = Field(description="1 sigma of the expected radius")
     expected_from: str = Field(
         description="origin of the expected radius in words: stated for all edges, stated for this edge, "
-        "measured on the scan, part of the shape, or not given"
+        "measured on the scan, at most that on the scan, part of the shape, or not given"
     )
 
 

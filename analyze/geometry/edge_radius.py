@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from analyze.geometry.object_model import ObjectModel
 from analyze.types import Array, RadiusPrior, RadiusSource
 from schemas.object_spec import ObjectSpec
@@ -84,9 +86,10 @@ def edge_radius(
 
     It is the first of these that exists: the entry for this edge in the object file; the rounding that a
     point cloud shows there, if its sd is at most `MAX_SCANNED_SD`; the object file's radius for all edges;
-    `ASSUMED`. The object file's radius for all edges replaces the cloud's if it is surer, and the cloud's is
-    not larger by `CONTRADICTION_SDS` sd of the difference; or if it is larger than the cloud's by more than
-    `LARGER_SDS` sd, as clouds made from a drawing show sharp edges.
+    what a scanned mesh leaves open (`scanned_radius`); `ASSUMED`. The object file's radius for all edges
+    replaces the cloud's if it is surer, and the cloud's is not larger by `CONTRADICTION_SDS` sd of the
+    difference; or if it is larger than the cloud's by more than `LARGER_SDS` sd, as clouds made from a
+    drawing show sharp edges.
 
     Args:
         spec: object file.
@@ -101,31 +104,51 @@ def edge_radius(
             sd = entry.radius_sd_m or default_radius_sd(entry.radius_m)
             return RadiusPrior(entry.radius_m, 0.0, sd, RadiusSource.EDGE)
     stated, seen = stated_radius(spec), scanned_radius(model, point, direction)
-    if seen is None or seen.sd > MAX_SCANNED_SD:
+    if seen is None:
         return stated
     if stated.source is RadiusSource.ASSUMED:
         return seen
+    if seen.source is RadiusSource.BLURRED:
+        return stated
     apart = (seen.mean - stated.mean) / math.hypot(seen.sd, stated.sd)
     surer = stated.sd < seen.sd and apart < CONTRADICTION_SDS
     return stated if surer or apart < -LARGER_SDS else seen
 
 
 def scanned_radius(model: ObjectModel, point: Array, direction: Array) -> RadiusPrior | None:
-    """Radius of an edge's rounding by the points of a cloud: mean and sd [m]; None if they show none.
+    """Radius of an edge's rounding by a scan: mean and sd [m]; None if it shows none.
+
+    A mesh made of a scan is smoother than the object: its edge may have any radius from 0 to the one seen. An
+    edge where no rounding was seen, as beside a curved face, has the median one of the mesh.
 
     Args:
-        model: shape of the object; only one made from a point cloud shows a rounding.
+        model: shape of the object; only one made from a point cloud or a scanned mesh shows a rounding.
         point: (3,) point [m] of the sharp edge in which the faces would meet, in the object frame.
         direction: (3,) unit direction of the edge, of either sign, in the object frame.
     """
     if model.cloud is None:
         return None
+    blurred = [each.radius for each in model.cloud.roundings if each.blurred]
     near = [
         (each.distance(point), number)
         for number, each in enumerate(model.cloud.roundings)
         if each.distance(point) < each.reach and abs(float(each.direction @ direction)) > PARALLEL_COSINE
     ]
-    if not near:
+    best = model.cloud.roundings[min(near)[1]] if near else None
+    if blurred:
+        # The meshing that rounded the edges between flat faces rounded the others too.
+        return _blurred_radius(float(np.median(blurred)) if best is None else best.radius)
+    if best is None or best.sd > MAX_SCANNED_SD:
         return None
-    best = model.cloud.roundings[min(near)[1]]
     return RadiusPrior(best.radius, 0.0, best.sd, RadiusSource.SCAN)
+
+
+def _blurred_radius(seen: float) -> RadiusPrior:
+    """Radius of an edge that a scan shows with the radius `seen` [m], of which the meshing made a part.
+
+    All radii from 0 to `seen` count as equally likely; a smaller one than `MAX_ASSUMED_RADIUS` shows nothing.
+    Half of the variance is common to all edges, as the meshing rounds all alike.
+    """
+    largest = max(seen, MAX_ASSUMED_RADIUS)
+    half = largest / math.sqrt(24)
+    return RadiusPrior(largest / 2, half, half, RadiusSource.BLURRED, ASSUMED.face_sd)

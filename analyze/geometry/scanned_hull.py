@@ -273,5 +273,6 @@ def _flattened(
         scanned=scanned,
         overhang=None,
         unwalled=(False,) * len(planes),
-        roundings=edge_roundings(points, planes, sd, extent),
+        # The meshing of a scan rounds every edge.
+        roundings=tuple(replace(each, blurred=True) for each in edge_roundings(points, planes, sd, extent)),
     )

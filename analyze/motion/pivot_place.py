@@ -115,21 +115,23 @@ def judge_support(
     return Judgement(Verdict.WRONG_EDGE, f"{text}: make the plan anew, or leave this edge out")
 
 
-def judge_place(place: PivotPlace | None, fit: MotionFit) -> Judgement | None:
+def judge_place(place: PivotPlace | None, fit: MotionFit, radius_sd: float = 0.0) -> Judgement | None:
     """Verdict "wrong edge" if the body balanced over a line measured far off the planned one, else None.
 
-    Far is at least 1 mm and 3 sd. The shape need not have another edge there.
+    Far is at least 1 mm and 3 sd. The shape need not have another edge there. With another radius of the
+    rounding, the centre line of the same edge lies cos phi - sin phi of the difference behind the planned
+    one at balance.
 
     Args:
         place: measured horizontal distance of the line at balance from the planned one; None if it was not
             measured.
         fit: the chosen fit; a contact that rolls on a curve has no line.
+        radius_sd: 1 sigma of the edge's radius [m].
     """
-    if (
-        place is None
-        or fit.rolling is not None
-        or abs(place.ahead) < max(_MIN_OFF_M, CLEAR_SIGMAS * place.sd)
-    ):
+    if place is None or fit.rolling is not None:
+        return None
+    sd = math.hypot(place.sd, (math.cos(fit.phi) - math.sin(fit.phi)) * radius_sd)
+    if abs(place.ahead) < max(_MIN_OFF_M, CLEAR_SIGMAS * sd):
         return None
     side = "ahead of" if place.ahead > 0 else "behind"
     off = f"{1e3 * abs(place.ahead):.1f} ± {2e3 * place.sd:.1f} mm {side} the planned one"

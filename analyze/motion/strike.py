@@ -198,7 +198,7 @@ def _analysed(
         or judge_support(motion, fit, place, task)
         or impact
         or judge_contact(fits.motion, until_balance, task.planned.rolls, settings.verdict)
-        or judge_place(place, fit)
+        or judge_place(place, fit, task.radius_sd)
     )
     if vague is not None:
         # Rolling aside on a rim makes phi uncertain; balance has no certain frame then: judge the whole fit.

@@ -11,11 +11,13 @@ import numpy as np
 
 from analyze.errors import EstimationError, ShapeError
 from analyze.geometry import mesh_files
+from analyze.geometry.edge_radius import edge_radius
 from analyze.geometry.object_model import LINE_SD, load_object_model
 from analyze.motion.landing import landing_angle
 from analyze.motion.rolling_choice import is_curved
 from analyze.motion.support_function import support_of_outline
 from analyze.motion.supports import carrying_line, support_lines
+from analyze.planning.corrected import inward_shift
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -97,6 +99,21 @@ def strike_supports(model: ObjectModel, planned: PlannedStrike) -> tuple[Support
     return support_lines(_projected(model, planned), planned.pivot.radius_m, planned.pivot.sd_m)
 
 
+def blurred_radius_sd(spec: ObjectSpec, model: ObjectModel, planned: PlannedStrike) -> float:
+    """1 sigma [m] of the radius of a strike's edge where a scan leaves it open; 0 for other edges.
+
+    Args:
+        spec: object file, with the edges' radii where they are stated.
+        model: the object's exterior, in the object frame O.
+        planned: rest pose and pivot of the strike.
+    """
+    pivot = planned.pivot
+    shift = inward_shift(pivot, np.array(planned.R_world_object), model)
+    corner = np.array(pivot.point) - pivot.radius_m * shift
+    prior = edge_radius(spec, model, planned.axis_id, corner, np.array(pivot.direction))
+    return prior.blurred_sd or 0.0
+
+
 def _projected(model: ObjectModel, planned: PlannedStrike) -> Array:
     """Corners (n, 2) [m] of the object's convex hull at rest, seen along the pivot axis.
 
@@ -163,6 +180,11 @@ class MeshSections:
         """
         model = self._loaded()
         return None if model is None else strike_supports(model, planned)
+
+    def radius_sd(self, planned: PlannedStrike) -> float:
+        """1 sigma [m] of the radius of a planned strike's edge where a scan leaves it open; else 0."""
+        model = self._loaded()
+        return 0.0 if model is None else blurred_radius_sd(self._spec, model, planned)
 
     def _loaded(self) -> ObjectModel | None:
         """The object's exterior, loaded at the first call; None if it was not available at that call."""

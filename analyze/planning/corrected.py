@@ -71,9 +71,7 @@ def corrected_pivot(
     # Older plans took a shape without a stated error as exact: their pivots hold the edge's own error alone.
     own_variance = pivot.sd_m**2 - (surface**2 if surface < pivot.sd_m else 0.0)
     sd = pivot.sd_m if surface == now < pivot.sd_m else math.sqrt(own_variance + now**2)
-    tip, up = R_world_object[0], R_world_object[2]
-    lean = wall_lean(model, tip, up, [np.array(pivot.point)], pivot.radius_m) or 0.0
-    inwards = up - tip * (1 + math.sin(lean)) / math.cos(lean)
+    inwards = inward_shift(pivot, R_world_object, model)
     corner, direction = np.array(pivot.point) - pivot.radius_m * inwards, np.array(pivot.direction)
     planned = [edge_radius(before, model, axis_id, corner, direction).mean, stated_radius(before).mean]
     # Older plans have sharp edges where the object file gave no radius.
@@ -85,3 +83,19 @@ def corrected_pivot(
         return pivot.model_copy(update={"sd_m": sd})
     point = np.array(pivot.point) + (radius - pivot.radius_m) * inwards
     return pivot.model_copy(update={"point": point.tolist(), "radius_m": radius, "sd_m": sd})
+
+
+def inward_shift(pivot: Pivot, R_world_object: Array, model: ObjectModel) -> Array:
+    """Displacement (3,) of the centre line of an edge's rounding per metre of its radius, in O.
+
+    The rounding touches the resting face and the face that rises from the edge. Both meet in the sharp edge
+    `pivot.point` - `pivot.radius_m` * shift.
+
+    Args:
+        pivot: Pivot as planned, in the object frame.
+        R_world_object: (3, 3) rotation from object to world frame at rest.
+        model: Shape of the object.
+    """
+    tip, up = R_world_object[0], R_world_object[2]
+    lean = wall_lean(model, tip, up, [np.array(pivot.point)], pivot.radius_m) or 0.0
+    return np.asarray(up - tip * (1 + math.sin(lean)) / math.cos(lean), dtype=np.float64)

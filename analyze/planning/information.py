@@ -216,6 +216,8 @@ class Information:
             # A larger radius moves the centre line inwards: up and away from the tip.
             shared[:, RADIUS] = -(shared[:, COM] @ (axis.plane.up - axis.tip))
             shared[1, RADIUS] -= 2 * m * (R + rho) / i_edge
+        if axis.radius_sd is not None:
+            shared[:, RADIUS] *= axis.radius_sd / e.edge_radius
         own = np.zeros((2, AXIS_COUNT))
         own[:, 0] = -(shared[:, COM] @ axis.tip) * axis.sd
         own[:, 1] = -(shared[:, COM] @ axis.plane.up) * axis.sd

@@ -105,10 +105,20 @@ def paper_axis(prepared: PreparedObject, strike: PaperStrike, name: str) -> Pivo
         strike: Impact point and rotation point.
         name: Id of the axis.
     """
-    radius = edge_radius(prepared.spec, prepared.model, name, strike.rotation_point, strike.axis).mean
-    point = strike.rotation_point + radius * (strike.plane.up - strike.tip)
+    prior = edge_radius(prepared.spec, prepared.model, name, strike.rotation_point, strike.axis)
+    point = strike.rotation_point + prior.mean * (strike.plane.up - strike.tip)
     point = point + strike.axis * float(strike.axis @ (strike.impact_point - point))
-    return PivotAxis(name, strike.plane, strike.axis, strike.tip, point, radius, EDGE_SD, rolls=False)
+    return PivotAxis(
+        name,
+        strike.plane,
+        strike.axis,
+        strike.tip,
+        point,
+        prior.mean,
+        EDGE_SD,
+        rolls=False,
+        radius_sd=prior.blurred_sd,
+    )
 
 
 def _strikes(

@@ -77,6 +77,8 @@ class PivotAxis:
     moulded: bool = False
     """True if the rounding is part of the shape along all of the edge; False if it is the one stated for all
     edges."""
+    radius_sd: float | None = None
+    """1 sigma of the radius [m] where a scan leaves it open; None if it is that of all edges."""
     next_edge: NextEdge | None = None
     """Edge that takes over as the object tips on; None if there is none, or it was not looked for."""
     lines_apart: float = 0.0
@@ -271,7 +273,8 @@ def _axis(
     direction = np.cross(plane.up, tip)
     wall = wall_lean(model, tip, plane.up, edge)
     contact = edge[0] + direction * float(direction @ (beside - edge[0]))
-    radius = edge_radius(spec, model, name, contact, direction).mean
+    prior = edge_radius(spec, model, name, contact, direction)
+    radius = prior.mean
     lean = 0.0 if wall is None else wall
     inset = radius * (1 + np.sin(lean)) / np.cos(lean)
     level = float(contact @ plane.up)
@@ -280,7 +283,8 @@ def _axis(
         point = contact + plane.up * (plane.level - level + moulded)
         return PivotAxis(name, plane, direction, tip, point, moulded, own, rolls, moulded=True)
     point = contact + plane.up * (plane.level - level + radius) - tip * inset
-    return PivotAxis(name, plane, direction, tip, point, radius, place_sd(own, wall), rolls)
+    own = place_sd(own, wall)
+    return PivotAxis(name, plane, direction, tip, point, radius, own, rolls, radius_sd=prior.blurred_sd)
 
 
 def place_sd(own: float, wall: float | None) -> float:

@@ -23,12 +23,12 @@ def radius_documents(radii: Sequence[EdgeRadius]) -> list[EdgeRadiusResult]:
     """Radii [m] of the rounded pivot edges with 95 % intervals, cut at 0, for the Result document.
 
     The source is "measured" if the strikes reduced the radius's sd below `MEASURED_FRACTION` of that before
-    them; otherwise "given" if the object file, the scan or the shape states the radius, else "prior".
+    them; otherwise "given" if the object file, a point cloud or the shape states the radius, else "prior".
     """
     found: list[EdgeRadiusResult] = []
     for each in radii:
         by_strikes = each.sd < MEASURED_FRACTION * each.prior.sd
-        known = each.prior.source is not RadiusSource.ASSUMED
+        known = each.prior.source not in (RadiusSource.ASSUMED, RadiusSource.BLURRED)
         source = "measured" if by_strikes else "given" if known else "prior"
         radius = quantity(max(each.value, 0.0), each.sd, "m", lowest=0.0).model_copy(
             update={"source": source, "observed": by_strikes or known}
