@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from analyze.planning.examine import Bench
+from analyze.planning.glued_tags import with_glued_tags
 from analyze.planning.impact import HAND
 from analyze.planning.prepared import WORTHWHILE, PreparedObject, prepare_object
 from analyze.planning.view import FAULT_CODES
@@ -30,13 +31,12 @@ TAG_REMEDIES = {
         "move or turn the camera (camera.calibration in the rig file), or glue the tags where it sees the "
         "whole tip"
     ),
-    "no_marker": (
-        "glue markers to the faces square to the edges, or, without such faces, print a base "
-        "(`analyze fixture`)"
-    ),
+    "no_marker": "glue markers to the faces square to the edges",
     "hidden": "glue the tags where no part of the object stands before them",
 }
 """Remedies by code of a marker's fault, the easiest first."""
+GLUED_CODES = frozenset({"no_marker", "hidden"})
+"""Codes whose remedy is tried with tags on all faces of the object; the others' with tags always in view."""
 BY_HAND = "strike by hand (--camera), or change the striker's reach and speed limits (rig file)"
 """Remedy for strikes too slow, too fast, too low or too high for a striker."""
 PLATE = (
@@ -169,7 +169,9 @@ def _tag_changes(prepared: PreparedObject) -> Iterator[_Change]:
     codes = {each.code for each in prepared.rejected} & set(FAULT_CODES)
     anywhere = [each.model_copy(update={"T_object_marker": None}) for each in spec.marker]
     for code, text in TAG_REMEDIES.items():
-        if code in codes:
+        if code in codes & GLUED_CODES:
+            yield _Change(text, with_glued_tags(prepared.model, spec), bench)
+        elif code in codes:
             yield _Change(text, spec.model_copy(update={"marker": anywhere}), bench)
 
 
