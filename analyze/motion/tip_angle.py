@@ -8,7 +8,7 @@ all six unknowns of a frame serves a body that wobbles.
 """
 
 # scipy is only partly typed.
-# pyright: reportMissingTypeStubs=false
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.optimize import fminbound
 from scipy.spatial.transform import Rotation
 
 from analyze.errors import EstimationError, TrackingError
@@ -38,6 +39,8 @@ _PRIOR_FRAMES = 5
 """weight of the corners' own sd in the estimate of the noise, as a number of resting frames"""
 _YAW_SD = 0.02
 """prior standard deviation of the object's heading against the plan [rad]"""
+_YAW_STEP = 1e-4
+"""error of the heading at which its search ends [rad]"""
 _WOBBLE_SD = np.array([np.inf, np.inf, np.inf, 0.15, 0.15, 0.005])
 """prior standard deviation of theta, x, z (all free), yaw, roll and y [rad, m]; a face-on tag hardly shows
 the last three"""
@@ -153,13 +156,8 @@ def tip_angle(
         )
     by_id = {marker.id: marker for marker in markers}
     views, pivot = _collect(tracks, by_id, camera, placement, rest_end_ns)
-    tried = {y: _solve(views, pivot, y, camera) for y in (-_YAW_SD, 0.0, _YAW_SD)}
-    yaw, best = 0.0, tried[0.0]
-    costs = [_cost(solution, y) for y, solution in tried.items()]
-    curvature = costs[0] - 2 * costs[1] + costs[2]
-    if curvature > 0:
-        yaw = float(np.clip(0.5 * (costs[0] - costs[2]) / curvature, -3.0, 3.0)) * _YAW_SD
-        best = _solve(views, pivot, yaw, camera)
+    yaw = _fitted_yaw(views, pivot, camera)
+    best = _solve(views, pivot, yaw, camera)
     views, best = _without_wild_frames(views, best)
     at_rest = views.time_ns < rest_end_ns
     full = _solve_full(views, pivot, yaw, camera, best.x)
@@ -399,6 +397,24 @@ class _Solution:
     """(n,) sum of squared weighted residuals"""
     freedom: NDArray[np.int64]
     """(n,) degrees of freedom"""
+
+
+def _fitted_yaw(views: _Views, pivot: Array, camera: CameraModel) -> float:
+    """Heading [rad] of the pivot axis, within three sd of its prior, with which a tip fits the corners best.
+
+    Args:
+        views: corners of all markers in all frames.
+        pivot: (3,) pivot point at rest in W [m].
+        camera: camera with its pose in W.
+    """
+
+    def cost(yaw: float) -> float:
+        """Cost of a trial heading [rad]."""
+        return _cost(_solve(views, pivot, yaw, camera), yaw)
+
+    # Not by a parabola through three headings: far off, wild frames count less, and the cost is none.
+    found = fminbound(cost, -3.0 * _YAW_SD, 3.0 * _YAW_SD, xtol=_YAW_STEP)
+    return float(np.asarray(found, dtype=np.float64))
 
 
 def _cost(solution: _Solution, yaw: float) -> float:

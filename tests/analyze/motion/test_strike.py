@@ -242,8 +242,10 @@ def test_a_marker_of_unknown_place_gives_the_angle():
     assert abs(np.degrees(motion.fit.phi - tip.phi)) < 0.05
 
 
-def test_the_yaw_of_the_placement_is_found():
+@pytest.mark.parametrize("yaw", [1.2, -0.4, 2.2])
+def test_the_yaw_of_the_placement_is_found(yaw):
+    """A parabola through three headings, 1.1 deg apart, gave 2.5 for the last."""
     tip = simulate(1.05)
-    track = track_of(tip, np.random.default_rng(4), yaw=np.radians(1.2))
+    track = track_of(tip, np.random.default_rng(4), yaw=np.radians(yaw))
     found = tip_angle([track], [marker()], camera(), placement_of(planned()), int(tip.contact * 1e9) + ANCHOR)
-    assert np.degrees(found.yaw) == pytest.approx(1.2, abs=0.15)
+    assert np.degrees(found.yaw) == pytest.approx(yaw, abs=0.15)
