@@ -1,8 +1,9 @@
 """Turn of the object at rest about the pivot edge before each strike, as its markers show it.
 
-A crumb under the object turns its pose at rest, and the balance angle phi is measured from there. A marker
-shows the turn against the planned pose, with the errors of its pose on the object and of the camera's pose,
-which strikes share. The sd of the turns is a variance component, estimated from what is seen.
+A crumb under the object turns its pose at rest, and so does an error of a scanned face's slopes; the balance
+angle phi is measured from there. A marker shows the turn against the planned pose, with the errors of its
+pose on the object and of the camera's pose, which strikes share. The sd of the turns from strike to strike is
+a variance component, estimated from what is seen.
 """
 
 from __future__ import annotations
@@ -38,14 +39,14 @@ class RestTurns:
     mean: Array
     """(n,) expected turn [rad]; 0 where no marker shows it."""
     root: Array
-    """(n, n) lower triangular root L of the turns' covariance L L^T [rad]."""
+    """(n, n) root L of the turns' covariance L L^T [rad]."""
     sd: float
     """1 sigma of the turns from strike to strike [rad], as the markers show it."""
     moved: tuple[str, ...]
     """Names of markers that contradict their stated poses on the object, which are not used."""
 
 
-def rest_turns(seen: Sequence[Sequence[RestTurn]]) -> RestTurns | None:
+def rest_turns(seen: Sequence[Sequence[RestTurn]], by_faces: Array | None = None) -> RestTurns | None:
     """Turns of the object at rest, from what its markers show before each strike.
 
     They are normal with an sd that is estimated too, by the likelihood of what is seen; the errors that
@@ -53,23 +54,29 @@ def rest_turns(seen: Sequence[Sequence[RestTurn]]) -> RestTurns | None:
 
     Args:
         seen: what each strike's markers show, one entry per strike; empty where none has a known place.
+        by_faces: (n, n) covariance [rad^2] of the turns by the slopes of the resting faces; None for 0.
 
     Returns:
-        Expected turns [rad] with their covariance, the sd of the turns, and the names of markers that were
-        moved on the object and are not used; None if no marker with a known place is seen.
+        Expected turns [rad] with their covariance, the sd of the turns from strike to strike, and the names
+        of markers that were moved on the object and are not used; None if no marker with a known place is
+        seen and no slope errs.
     """
     each = [turn for turns in seen for turn in turns]
+    slopes = np.zeros((len(seen), len(seen))) if by_faces is None else by_faces
     if not each:
-        return None
+        return RestTurns(np.zeros(len(seen)), _root(slopes), 0.0, ()) if np.any(slopes) else None
     strike = np.array([i for i, turns in enumerate(seen) for _ in turns])
     to_strike = (strike[:, None] == np.arange(len(seen))).astype(np.float64)
     angle = np.array([turn.angle for turn in each])
     unmeasured: frozenset[str] = frozenset()
-    density = _log_density(_errors(each, unmeasured), to_strike, angle)
+    shown_slopes = to_strike @ slopes @ to_strike.T
+    density = _log_density(_errors(each, unmeasured) + shown_slopes, to_strike, angle)
     while True:
         # A marker that has been moved since its pose was measured would pass for a turn of the object.
         tried = {
-            unmeasured | {name}: _log_density(_errors(each, unmeasured | {name}), to_strike, angle)
+            unmeasured | {name}: _log_density(
+                _errors(each, unmeasured | {name}) + shown_slopes, to_strike, angle
+            )
             for name in sorted({turn.marker for turn in each} - unmeasured)
         }
         best = max(tried, key=lambda more: _total(tried[more]), default=unmeasured)
@@ -78,11 +85,23 @@ def rest_turns(seen: Sequence[Sequence[RestTurn]]) -> RestTurns | None:
         unmeasured, density = best, tried[best]
     probability = np.exp(density - density.max())
     sd = USUAL_SD * normal_sd(FACTORS, probability / probability.sum())
-    seen_turns = _errors(each, unmeasured) + sd**2 * (to_strike @ to_strike.T)
-    gain = np.asarray(sd**2 * np.linalg.solve(seen_turns, to_strike), dtype=np.float64).T
-    covariance = sd**2 * (np.eye(len(seen)) - gain @ to_strike)
-    root = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
-    return RestTurns(gain @ angle, root, sd, tuple(sorted(unmeasured)))
+    moved = tuple(sorted(unmeasured))
+    if by_faces is None or not np.any(slopes):
+        seen_turns = _errors(each, unmeasured) + sd**2 * (to_strike @ to_strike.T)
+        gain = np.asarray(sd**2 * np.linalg.solve(seen_turns, to_strike), dtype=np.float64).T
+        covariance = sd**2 * (np.eye(len(seen)) - gain @ to_strike)
+        root = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
+        return RestTurns(gain @ angle, root, sd, moved)
+    prior = sd**2 * np.eye(len(seen)) + slopes
+    seen_turns = _errors(each, unmeasured) + to_strike @ prior @ to_strike.T
+    gain = np.asarray(np.linalg.solve(seen_turns, to_strike @ prior), dtype=np.float64).T
+    return RestTurns(gain @ angle, _root(prior - gain @ to_strike @ prior), sd, moved)
+
+
+def _root(covariance: Array) -> Array:
+    """Root (n, n) L of a covariance L L^T (n, n), which may be singular."""
+    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)), dtype=np.float64)
 
 
 def _errors(each: Sequence[RestTurn], unmeasured: frozenset[str]) -> Array:

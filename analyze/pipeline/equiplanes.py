@@ -10,8 +10,9 @@ import numpy as np
 
 from analyze.estimation.equiplane import equiplane, equiplane_normal
 from analyze.estimation.priors import SystematicErrors, TiltPrior
-from analyze.estimation.rest_turns import rest_turns
+from analyze.estimation.rest_turns import RestTurns, rest_turns
 from analyze.geometry.edge_radius import edge_radius, stated_radius
+from analyze.geometry.face_slopes import turn_covariance
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.surface_error import surface_sd
 from analyze.pipeline.evidence import Evidence
@@ -81,10 +82,32 @@ def equiplanes(
                 level=levels[index],
             )
         )
-    return _with_rest_turns(found, motions)
+    return _with_rest_turns(found, turns_at_rest(evidence, motions))
 
 
-def _with_rest_turns(planes: Sequence[EquiPlane], motions: Sequence[TipMotion]) -> tuple[EquiPlane, ...]:
+def turns_at_rest(evidence: Evidence, motions: Sequence[TipMotion]) -> RestTurns | None:
+    """Turns of the object at rest before the strikes, as markers show them and the shape's slopes err.
+
+    None if no marker shows them and the slopes of the shape's faces are exact.
+
+    Args:
+        evidence: strikes with shape and plan.
+        motions: motions of the strikes.
+    """
+    planned = [evidence.planned(motion) for motion in motions]
+    rotations = np.array([strike.R_world_object for strike in planned]).reshape(-1, 3, 3)
+    by_face = {
+        tuple(up): turn_covariance(evidence.model, up) for up in np.unique(rotations[:, 2].round(9), axis=0)
+    }
+    faces = [tuple(up) for up in rotations[:, 2].round(9)]
+    slopes = np.zeros((len(faces), len(faces)))
+    for i, face in enumerate(faces):
+        alike = [j for j, other in enumerate(faces) if other == face]
+        slopes[i, alike] = rotations[alike, 1] @ by_face[face] @ rotations[i, 1]
+    return rest_turns([motion.rest_turns for motion in motions], slopes)
+
+
+def _with_rest_turns(planes: Sequence[EquiPlane], turns: RestTurns | None) -> tuple[EquiPlane, ...]:
     """Equi-planes with each balance angle counted from the planned pose, not from the pose at rest.
 
     An equi-plane passes through a strike's pivot line and the centre of mass. The planes are unchanged if no
@@ -93,9 +116,8 @@ def _with_rest_turns(planes: Sequence[EquiPlane], motions: Sequence[TipMotion]) 
 
     Args:
         planes: one per motion.
-        motions: motions of the strikes.
+        turns: turns at rest of the strikes; None if nothing is known of them.
     """
-    turns = rest_turns([motion.rest_turns for motion in motions])
     if turns is None:
         return tuple(planes)
     found: list[EquiPlane] = []

@@ -33,7 +33,7 @@ from analyze.estimation.mass_properties import CentreOfMass, InertialParameters,
 from analyze.estimation.part_masses import PartMasses, measured_moments, part_masses
 from analyze.estimation.priors import ComPrior, Scale
 from analyze.estimation.profile import profiled_posterior
-from analyze.estimation.rest_turns import RestTurns, rest_turns
+from analyze.estimation.rest_turns import RestTurns
 from analyze.estimation.scatter import ScatterRange, scatter_range
 from analyze.estimation.sensitivity import ErrorSource, Sensitivity, sensitivity
 from analyze.estimation.shape_errors import Box, box_of, shape_errors
@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     from analyze.geometry.object_model import ObjectModel
     from schemas.object_spec import ObjectSpec
 
-from analyze.pipeline.equiplanes import equiplanes, systematic_errors
+from analyze.pipeline.equiplanes import equiplanes, systematic_errors, turns_at_rest
 from analyze.pipeline.paper import PaperEstimate, paper_estimate
 
 CELLS = 4000
@@ -273,7 +273,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         edge_radii=estimated_radii(solution),
         radius_check=radius_check,
         scatter=scatter_range(systematic, solution.factors),
-        rest=rest_turns([motion.rest_turns for motion in used]),
+        rest=turns_at_rest(evidence, used),
         surface_error=surface_error,
         fixture=fixture,
     )

@@ -221,7 +221,7 @@ class Information:
         own = np.zeros((2, AXIS_COUNT))
         own[:, 0] = -(shared[:, COM] @ axis.tip) * axis.sd
         own[:, 1] = -(shared[:, COM] @ axis.plane.up) * axis.sd
-        own[0, 2], own[1, 3] = e.axis_angle, e.axis_k
+        own[0, 2], own[1, 3] = np.hypot(e.axis_angle, axis.turn_sd), e.axis_k
         return shared * self.units, own
 
     def weight(self, each: Candidate, strikes: int) -> Array:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analyze.geometry.edge_radius import edge_radius
+from analyze.geometry.face_slopes import turn_covariance
 from analyze.geometry.object_model import ObjectModel
 from analyze.motion.moulded import moulded_radius
 from analyze.planning.hypothesis import Hypothesis
@@ -79,6 +80,8 @@ class PivotAxis:
     edges."""
     radius_sd: float | None = None
     """1 sigma of the radius [m] where a scan leaves it open; None if it is that of all edges."""
+    turn_sd: float = 0.0
+    """1 sigma [rad] of the object's turn at rest about the axis, by the slopes of a scanned face."""
     next_edge: NextEdge | None = None
     """Edge that takes over as the object tips on; None if there is none, or it was not looked for."""
     lines_apart: float = 0.0
@@ -284,7 +287,10 @@ def _axis(
         return PivotAxis(name, plane, direction, tip, point, moulded, own, rolls, moulded=True)
     point = contact + plane.up * (plane.level - level + radius) - tip * inset
     own = place_sd(own, wall)
-    return PivotAxis(name, plane, direction, tip, point, radius, own, rolls, radius_sd=prior.blurred_sd)
+    turn_sd = float(np.sqrt(direction @ turn_covariance(model, plane.up) @ direction))
+    return PivotAxis(
+        name, plane, direction, tip, point, radius, own, rolls, radius_sd=prior.blurred_sd, turn_sd=turn_sd
+    )
 
 
 def place_sd(own: float, wall: float | None) -> float:
