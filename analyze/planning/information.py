@@ -292,6 +292,14 @@ class Information:
 
     def _marginal(self, each: Candidate, strikes: int) -> Array:
         shared, own, weight = self.measurements(each, strikes)
+        if each.axis.turn_sd > 0:
+            # Woodbury's difference would be lost in rounding: a scanned face's slope may err by degrees.
+            values, vectors = np.linalg.eigh(weight)
+            root = vectors * np.sqrt(np.maximum(values, 0.0))
+            across = root.T @ own
+            seen = root.T @ shared
+            kept = np.linalg.solve(np.eye(len(weight)) + across @ across.T, seen)
+            return np.asarray(seen.T @ kept, dtype=np.float64)
         # (W^-1 + B B^T)^-1 by Woodbury, for W that may be singular (no k).
         inner = np.linalg.inv(np.eye(own.shape[1]) + own.T @ weight @ own)
         marginal = weight - weight @ own @ inner @ own.T @ weight

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from analyze.geometry.face_slopes import turn_covariance
 from analyze.geometry.object_model import load_object_model
 from analyze.planning.examine import Bench
+from analyze.planning.forecast import UNLIMITED_STRIKES
 from analyze.planning.impact import StrikerModel
 from analyze.planning.information import ANGLE
 from analyze.planning.prepared import FRICTION, prepare_object
@@ -71,6 +73,12 @@ def test_forecast_counts_with_the_turn_at_rest(tmp_path: Path) -> None:
         own = information.measurements(each, 1)[1][0, ANGLE]
         assert own == pytest.approx(np.hypot(information.errors.axis_angle, turn_sd))
     assert max(each.axis.turn_sd for each in information.candidates) > np.radians(0.5)
+    # A face whose slope is hardly known leaves no negative variance, however often it is struck.
+    steep = tuple(
+        replace(each, axis=replace(each.axis, turn_sd=np.radians(17))) for each in information.candidates
+    )
+    left = information.covariance(steep, [UNLIMITED_STRIKES] * len(steep))
+    assert np.diag(left)[:3].min() > 0
 
 
 def _level_axes(up: np.ndarray) -> np.ndarray:
