@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from analyze.motion.rolling_choice import rolls_until
+
 if TYPE_CHECKING:
     from analyze.motion.support_function import SupportFunction
     from schemas.strike_plan import PlannedStrike
@@ -63,3 +65,23 @@ def landing_angle(section: SupportFunction, planned: PlannedStrike) -> float | N
     lands = float(section.angles[deep[0]]) - math.atan2(float(depth[deep[0]]), float(section.ahead[deep[0]]))
     lands -= _LANDING_MARGIN_RAD + _FACE_SIGMAS * planned.pivot.sd_m / reach
     return lands if lands > planned.phi_predicted_rad else None
+
+
+def rolling_landing_angle(section: SupportFunction, planned: PlannedStrike) -> float | None:
+    """Landing angle of an object that rolls on a curve: from it on, the next face may touch the table.
+
+    Such a face is a bevel, or a part that juts out, such as a handle. The angle is that at which it lies on
+    the table by the shape, less a margin of 1 deg and the error of its far end.
+
+    Args:
+        section: support function of the object's cross-section, which rolls (`rolls_until`).
+        planned: the planned strike, with the edge's uncertainty and the predicted balance angle.
+
+    Returns:
+        The angle [rad]; None if no flat face touches up to 25 deg past the predicted balance.
+    """
+    lands = rolls_until(section, planned.phi_predicted_rad)
+    if lands is None or not math.isfinite(lands):
+        return None
+    reach = section.longest_flat(lands - section.step, lands + 2 * section.step)
+    return lands - _LANDING_MARGIN_RAD - _FACE_SIGMAS * planned.pivot.sd_m / max(reach, planned.pivot.sd_m)

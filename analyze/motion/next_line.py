@@ -95,7 +95,8 @@ def planned_axis(axis_id: str) -> str:
 def next_take_over(found: TipMotion, task: StrikeTask) -> float | None:
     """Tipping angle [rad] at which a fit over the planned edge must end, before the next takes over.
 
-    Support lines are the edges over which the object turns in succession as it tips. None if no line follows
+    Support lines are the edges over which the object turns in succession as it tips. For an object that rolls
+    on a curve of its shape it is the angle at which the next face may land. None if no line or face follows
     that is far enough from the planned edge to matter, if the lines are unknown, if there is no fit, if the
     verdict is a wrong edge, or if by the shape the object balanced over another line.
 
@@ -104,6 +105,8 @@ def next_take_over(found: TipMotion, task: StrikeTask) -> float | None:
         task: the strike as planned and as carried out, with its support lines.
     """
     supports, fit, angle = task.supports, found.fit, found.angle
+    if fit is not None and fit.rolling is not None and fit.rolling.of_shape:
+        return task.landing_angle_rad
     if not supports or fit is None or angle is None or found.verdict is Verdict.WRONG_EDGE:
         return None
     mine = nearest_to_planned(supports)

@@ -118,7 +118,7 @@ def _polygon(corners: Array) -> Outline:
     )
 
 
-def smooth_outline(whole: Outline) -> tuple[Outline, list[Curve], float]:
+def smooth_outline(whole: Outline, high: float = HIGH) -> tuple[Outline, list[Curve], float]:
     """Outline thinned until its curves are smooth, the curves of that outline, and their roughness.
 
     A curve is a run of the outline's facets that approximates a smooth curve. Roughness is the standard
@@ -126,33 +126,37 @@ def smooth_outline(whole: Outline) -> tuple[Outline, list[Curve], float]:
 
     Args:
         whole: the outline with all its corners.
+        high: tipping angle [rad] up to which the outline is to be smooth; all of it, if too few of its
+            corners touch the table up to there.
 
     Returns:
         The outline with fewer corners (`whole` itself if it is smooth), its curves, and the roughness, 0 if
         there are too few corners to estimate it.
     """
     outline, curves = whole, _curves(whole)
-    rough = _roughness(outline, curves) or 0.0
+    if _roughness(outline, curves, high) is None:
+        high = HIGH  # too few corners up to there
+    rough = _roughness(outline, curves, high) or 0.0
     for spacing in CORNER_SPACINGS:
         if rough < MAX_ROUGHNESS:
             break
         outline = _thinned(whole, spacing)
         curves = _curves(outline)
         # With too few corners for an estimate the roughness stays what it was.
-        rough = _roughness(outline, curves) or rough
+        rough = _roughness(outline, curves, high) or rough
     return outline, curves, rough
 
 
-def _roughness(outline: Outline, curves: list[Curve]) -> float | None:
+def _roughness(outline: Outline, curves: list[Curve], high: float) -> float | None:
     """Roughness of an outline's curved parts: how much ln(curvature) varies from corner to corner.
 
     It is a robust standard deviation (dimensionless), from the second differences of ln(curvature) along each
-    curve, so that a steady change does not count. Only corners that may touch the table are used; None if no
-    curve has three of them in a row.
+    curve, so that a steady change does not count. Only corners that may touch the table up to the tipping
+    angle `high` [rad] are used; None if no curve has three of them in a row.
     """
     parts: list[Array] = [np.zeros(0)]
     for curve in curves:
-        inner = np.array([i for i in curve.facets[1:] if LOW < outline.angle[i] < HIGH], dtype=np.intp)
+        inner = np.array([i for i in curve.facets[1:] if LOW < outline.angle[i] < high], dtype=np.intp)
         parts.append(np.diff(np.log(outline.curvature[inner]), 2))
     uneven = np.concatenate(parts)
     return median_scale(uneven) / math.sqrt(6.0) if len(uneven) else None

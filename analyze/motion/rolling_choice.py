@@ -22,7 +22,9 @@ _MIN_CURVE_RAD = math.radians(15.0)
 degrees"""
 _MAX_BEVEL_M = 5e-4
 """longest flat face [m] within a curve; a longer one is a bevel, over which the body hops"""
-_FIRST_ANGLE, _PAST_PHI = math.radians(1.0), math.radians(25.0)
+_MIN_ROOM_RAD = math.radians(5.0)
+"""least angle [rad] from balance to the landing of the next face, up to which the object rolls"""
+_FIRST_ANGLE, PAST_PHI_RAD = math.radians(1.0), math.radians(25.0)
 """range of angles [rad] over which the section is examined: from rest on, and to past the predicted
 balance"""
 
@@ -42,9 +44,10 @@ def rolling_curve(
         a circle with the radius of the edge's rounding, if that is at least 2.5 mm (or a round rim's, of any
         radius above 0).
     """
-    radius, last = planned.pivot.radius_m, planned.phi_predicted_rad + _PAST_PHI
-    if section is not None and is_curved(section, planned.phi_predicted_rad):
-        least, most = section.range_of_radius(_FIRST_ANGLE, last)
+    radius, last = planned.pivot.radius_m, planned.phi_predicted_rad + PAST_PHI_RAD
+    lands = None if section is None else rolls_until(section, planned.phi_predicted_rad)
+    if section is not None and lands is not None:
+        least, most = section.range_of_radius(_FIRST_ANGLE, min(last, lands))
         return section, f"the object rolls on a curve of {1e3 * least:.0f} to {1e3 * most:.0f} mm radius"
     if radius >= MIN_ROLLING_RADIUS_M:
         return circular_support(radius), f"the edge rolls on its rounding of {1e3 * radius:.1f} mm"
@@ -54,20 +57,36 @@ def rolling_curve(
 
 
 def is_curved(section: SupportFunction, phi: float) -> bool:
-    """True if the section rolls on a curve of its shape, from 1 deg past rest to 25 deg past `phi`.
-
-    It does if curves of more than 0.5 mm radius touch the table over more than 15 deg of that range, and no
-    flat face (a bevel) of 0.5 mm or more does.
+    """True if the section rolls on a curve of its shape, from 1 deg past rest to balance (`rolls_until`).
 
     Args:
         section: the object's cross-section at the pivot axis.
         phi: balance angle [rad].
     """
-    last = phi + _PAST_PHI
-    return (
-        section.curved_over(_FIRST_ANGLE, last, _MIN_CURVE_RADIUS_M) > _MIN_CURVE_RAD
-        and section.longest_flat(_FIRST_ANGLE, last) < _MAX_BEVEL_M
-    )
+    return rolls_until(section, phi) is not None
+
+
+def rolls_until(section: SupportFunction, phi: float) -> float | None:
+    """Tipping angle [rad] up to which the section rolls on a curve of its shape; None if it does not.
+
+    It rolls from 1 deg past rest to 25 deg past `phi`, or until a flat face (a bevel, or a part that juts
+    out) of 0.5 mm or more lands, if that is at least 5 deg past `phi`. In that range curves of more than 0.5
+    mm radius must touch the table over more than 15 deg.
+
+    Args:
+        section: the object's cross-section at the pivot axis.
+        phi: balance angle [rad].
+
+    Returns:
+        The angle at which the first such face lands; infinite if none does up to 25 deg past `phi`.
+    """
+    last = phi + PAST_PHI_RAD
+    lands = section.first_flat(_FIRST_ANGLE, last, _MAX_BEVEL_M)
+    if lands < phi + _MIN_ROOM_RAD:
+        return None
+    if section.curved_over(_FIRST_ANGLE, min(last, lands), _MIN_CURVE_RADIUS_M) <= _MIN_CURVE_RAD:
+        return None
+    return lands
 
 
 def relative_to_rolling(motion: PlanarMotion, curve: SupportFunction, planned: PlannedStrike) -> PlanarMotion:

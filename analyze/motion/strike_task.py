@@ -30,8 +30,7 @@ class StrikeTask:
     section: SupportFunction | None = None
     """the object's cross-section at the pivot axis; None if only the plan's rounding is known"""
     landing_angle_rad: float | None = None
-    """theta [rad] from which the shape's next face may touch the table; None if unknown, or if the contact
-    rolls on a curve"""
+    """theta [rad] from which the shape's next face may touch the table; None if unknown, or if none does"""
     unmarked_ns: IntArray | None = None
     """(n,) log times [ns] of the images without a marker; None if unknown: then every missing frame counts as
     an image without a marker"""

@@ -169,12 +169,32 @@ class SupportFunction:
             low: first angle [rad].
             high: last angle [rad].
         """
+        return float(np.max(self._flats(low, high)[1], initial=0.0))
+
+    def first_flat(self, low: float, high: float, least: float) -> float:
+        """First tipping angle [rad] at which a flat face comes to lie on the table; infinite if none does.
+
+        Args:
+            low: first angle [rad].
+            high: last angle [rad].
+            least: length [m] from which a face counts.
+        """
+        angles, jumps = self._flats(low, high)
+        return float(np.min(angles[jumps >= least], initial=math.inf))
+
+    def _flats(self, low: float, high: float) -> tuple[Array, Array]:
+        """Angles (n,) [rad] at the beginning of each step, and lengths (n,) [m] of faces that land in it.
+
+        Args:
+            low: first angle [rad].
+            high: last angle [rad].
+        """
         inside = (self.angles >= low) & (self.angles <= high)
         # A face within a curve has a huge radius over a small part of a step.
         radius = np.lib.stride_tricks.sliding_window_view(np.pad(self.radius, 2, mode="edge"), 5).min(axis=1)
         grows = (radius - self.height)[inside]
         jumps = np.diff(self.ahead[inside]) - 0.5 * (grows[1:] + grows[:-1]) * self.step
-        return float(np.max(jumps, initial=0.0))
+        return self.angles[inside][:-1], jumps
 
     @cached_property
     def angles(self) -> Array:
@@ -208,7 +228,9 @@ def circular_support(radius: float) -> SupportFunction:
     )
 
 
-def support_of_outline(points: Array, pivot: Array, rounding: float = 0.0) -> SupportFunction:
+def support_of_outline(
+    points: Array, pivot: Array, rounding: float = 0.0, until: float = HIGH
+) -> SupportFunction:
     """Support function of a cross-section about a pivot point, from points of its outline.
 
     It gives the height [m] of the pivot point over the table for each tipping angle.
@@ -218,6 +240,7 @@ def support_of_outline(points: Array, pivot: Array, rounding: float = 0.0) -> Su
             inside the convex hull are ignored.
         pivot: (2,) pivot point in the same frame [m].
         rounding: radius of the rounding of every corner that is not part of a curve [m].
+        until: tipping angle [rad] up to which facets and roughness count as errors.
 
     Returns:
         The support function from -10 to 150 deg of tipping angle, with the errors caused by facets and
@@ -227,7 +250,7 @@ def support_of_outline(points: Array, pivot: Array, rounding: float = 0.0) -> Su
         EstimationError: the points span no area.
     """
     whole = hull_outline(points, pivot)
-    outline, curves, rough = smooth_outline(whole)
+    outline, curves, rough = smooth_outline(whole, until)
     theta = np.asarray(LOW + _STEP * np.arange(round((HIGH - LOW) / _STEP) + 1), dtype=np.float64)
     touching, offset = _at_corners(outline, curves, theta, rounding)
     radius, bent = offset.copy(), np.zeros(len(theta), dtype=bool)
@@ -238,8 +261,9 @@ def support_of_outline(points: Array, pivot: Array, rounding: float = 0.0) -> Su
     height = touching[:, 0] * sin - touching[:, 1] * cos + offset
     # Chords lie inside the curve, by up to twice this on average; the rest of the difference is their noise.
     chords = np.max(np.outer(sin, whole.corners[:, 0]) - np.outer(cos, whole.corners[:, 1]), axis=1)
-    beyond = np.asarray((height - chords)[bent & (theta > 0.0)], dtype=np.float64)
-    lengths = [float(np.mean(outline.length[curve.facets])) for curve in curves]
+    beyond = np.asarray((height - chords)[bent & (theta > 0.0) & (theta < until)], dtype=np.float64)
+    touch = [[i for i in curve.facets if LOW < outline.angle[i] < until] for curve in curves]
+    lengths = [float(np.mean(outline.length[facets])) for facets in touch if facets]
     middle, area = _middle(whole.corners)
     return SupportFunction(
         LOW,

@@ -13,8 +13,9 @@ from analyze.errors import EstimationError, ShapeError
 from analyze.geometry import mesh_files
 from analyze.geometry.edge_radius import edge_radius
 from analyze.geometry.object_model import LINE_SD, load_object_model
-from analyze.motion.landing import landing_angle
-from analyze.motion.rolling_choice import is_curved
+from analyze.motion.landing import landing_angle, rolling_landing_angle
+from analyze.motion.outline import HIGH
+from analyze.motion.rolling_choice import PAST_PHI_RAD, is_curved, rolls_until
 from analyze.motion.support_function import support_of_outline
 from analyze.motion.supports import carrying_line, support_lines
 from analyze.planning.corrected import inward_shift
@@ -45,8 +46,12 @@ def rolling_outline(model: ObjectModel, planned: PlannedStrike) -> SupportFuncti
         corner or bevel, for which the radius of the edge suffices, or if the outline has no area.
     """
     section = _across(model, planned)
-    if section is None or not is_curved(section, planned.phi_predicted_rad):
+    lands = None if section is None else rolls_until(section, planned.phi_predicted_rad)
+    if section is None or lands is None:
         return None
+    # What touches later, such as a handle, is no error of the curve on which the object rolls.
+    until = _across(model, planned, min(lands, planned.phi_predicted_rad + PAST_PHI_RAD))
+    section = until if until is not None and is_curved(until, planned.phi_predicted_rad) else section
     # A mesh's outline is as accurate as the mesh, a cloud's as the edge that was fitted to it.
     outline_sd = math.hypot(LINE_SD, model.surface_sd) if model.cloud is None else planned.pivot.sd_m
     return replace(section, sd=math.hypot(section.sd, outline_sd))
@@ -63,13 +68,15 @@ def next_face_angle(model: ObjectModel, planned: PlannedStrike) -> float | None:
         planned: rest pose and pivot of the strike.
 
     Returns:
-        Angle at which the face lands by the shape, less a margin for errors of the shape. None if the object
-        rolls on a curved flank, if no further face comes to the table after the predicted balance, or if the
-        outline has no area.
+        Angle at which the face lands by the shape, less a margin for errors of the shape. None if no further
+        face comes to the table after the predicted balance, or, where the object rolls on a curved flank, up
+        to 25 deg past it; None too if the outline has no area.
     """
     section = _across(model, planned)
-    if section is None or is_curved(section, planned.phi_predicted_rad):
+    if section is None:
         return None
+    if is_curved(section, planned.phi_predicted_rad):
+        return rolling_landing_angle(section, planned)
     lands = landing_angle(section, planned)
     if lands is not None:
         return lands
@@ -123,13 +130,14 @@ def _projected(model: ObjectModel, planned: PlannedStrike) -> Array:
     return (model.hull_vertices - np.array(planned.pivot.point)) @ R_world_object[[0, 2]].T
 
 
-def _across(model: ObjectModel, planned: PlannedStrike) -> SupportFunction | None:
+def _across(model: ObjectModel, planned: PlannedStrike, until: float = HIGH) -> SupportFunction | None:
     """Support function of the hull's outline, seen along the pivot axis; None if the outline has no area.
 
     It is the pivot point's height [m] over the table by tipping angle [rad], as the hull rolls on the table.
+    Its errors are those of the outline up to the tipping angle `until` [rad].
     """
     try:
-        return support_of_outline(_projected(model, planned), np.zeros(2), planned.pivot.radius_m)
+        return support_of_outline(_projected(model, planned), np.zeros(2), planned.pivot.radius_m, until)
     except EstimationError:
         return None
 
@@ -166,8 +174,8 @@ class MeshSections:
     def landing_angle_rad(self, planned: PlannedStrike) -> float | None:
         """Tipping angle [rad] from which the object's next face may land on the table, or None.
 
-        None if the object rolls on a curved flank, if no further face comes to the table after the predicted
-        balance, if the outline has no area, or if the shape is not available.
+        None if no further face comes to the table after the predicted balance, if the outline has no area, or
+        if the shape is not available.
         """
         model = self._loaded()
         return None if model is None else next_face_angle(model, planned)

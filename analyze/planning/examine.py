@@ -19,8 +19,9 @@ from analyze.types import CameraModel
 from schemas.object_spec import ObjectSpec
 from schemas.strike_plan import Rejection
 
-MAX_PHI = np.radians(50.0)
-"""Largest balance angle phi [rad] of a usable axis."""
+STEEP_PHI, MAX_PHI = np.radians(50.0), np.radians(65.0)
+"""Balance angle phi [rad] beyond which most edges slide, so that one that fails any check is too steep, and
+largest phi of a usable axis. Wide, light bodies hold: a funnel tips over its rim at 59 deg."""
 TURNED = float(np.pi)
 """Heading [rad] of a strike with object and striker turned, at which the camera sees the edge's other end."""
 ENERGIES = (1.15, 1.1, 1.2, 1.05, 1.25, 1.3)
@@ -115,12 +116,12 @@ def examine(
     passed: list[tuple[_Reached, TrackedSwing, float]] = []
     for each, outcome in zip(reached, held, strict=True):
         if isinstance(outcome, Rejection):
-            rejected.append(outcome)
+            rejected.append(_steep(outcome, each.expected))
             continue
         energy, friction = outcome
         speed = impact.tip_speed_for(bench.striker, each.expected, each.point.height, _impulse(each, energy))
         if problem := bench.striker.too_fast_or_slow(speed):
-            rejected.append(_reject(each.axis, "speed", speed, problem))
+            rejected.append(_steep(_reject(each.axis, "speed", speed, problem), each.expected))
             continue
         pixels = each.sight.pixels if each.sight.markers else FRAME_PX
         passed.append((each, TrackedSwing(each.expected, energy, frame_sd(pixels)), friction))
@@ -145,8 +146,9 @@ def _reach(
     """Expected swing, impact point and visible markers of an axis; a rejection if it lacks one of them.
 
     The swing is that of the expected centre of mass: balance angle [rad], rate and lever arm. An axis that
-    balances beyond the angle `MAX_PHI` is rejected too, and one whose rounding has its centre above that of
-    mass: the object rolls back from any angle.
+    balances beyond the angle `MAX_PHI` is rejected too (as too steep, like any that fails beyond
+    `STEEP_PHI`), and one whose rounding has its centre above that of mass: the object rolls back from any
+    angle.
 
     Args:
         model: Shape of the object.
@@ -176,7 +178,7 @@ def _reach(
     placed = [marker for marker in spec.marker if marker.T_object_marker is not None]
     sight = view.visible_markers(model, spec, axis, expected.phi, bench.camera)
     if placed and not sight.markers:
-        return _reject(axis, sight.fault.code, sight.fault.number, sight.fault.text)
+        return _steep(_reject(axis, sight.fault.code, sight.fault.number, sight.fault.text), expected)
     cards = [(np.array(marker.T_object_marker)[:3, 3], marker.size_m) for marker in placed]
     rise = axis.plane.up * float(np.sqrt(axis.plane.up @ believed.region.covariance() @ axis.plane.up))
     swings = [expected] + [
@@ -193,7 +195,7 @@ def _reach(
             f"another part of the object ({1000 * bench.striker.lowest_m:.0f} to "
             f"{1000 * bench.striker.highest_m:.0f} mm over the table)"
         )
-        return _reject(axis, "impact_unreachable", None, text)
+        return _steep(_reject(axis, "impact_unreachable", None, text), expected)
     return _Reached(axis, expected, point, sight)
 
 
@@ -261,3 +263,11 @@ def _impulse(each: _Reached, energy: float) -> float:
 
 def _reject(axis: PivotAxis, code: str, number: float | None, text: str) -> Rejection:
     return Rejection(axis_id=axis.id, code=code, number=number, text=text)
+
+
+def _steep(rejection: Rejection, expected: Swing) -> Rejection:
+    """Rejection for too large a balance angle, if that is beyond `STEEP_PHI`; else the rejection as given."""
+    if expected.phi <= STEEP_PHI:
+        return rejection
+    text = f"balances only after {np.degrees(expected.phi):.0f} deg, and {rejection.text}"
+    return rejection.model_copy(update={"code": "too_steep", "number": float(expected.phi), "text": text})

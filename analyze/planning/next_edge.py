@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.errors import EstimationError
-from analyze.motion.rolling_choice import is_curved
+from analyze.motion.rolling_choice import rolls_until
 from analyze.motion.support_function import support_of_outline
 from analyze.motion.supports import LIFTED_RAD, support_lines
 from analyze.planning.examine import MAX_PHI
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from analyze.geometry.object_model import ObjectModel
+    from analyze.motion.support_function import SupportFunction
     from analyze.planning.hypothesis import Hypothesis, Region
     from analyze.planning.pivots import PivotAxis
     from analyze.types import SupportLine
@@ -39,6 +40,9 @@ MARGIN_RAD = math.radians(1.0)
 past balance."""
 MEASURABLE_SHIFT_M = 2.5e-3
 """Distance [m] of two lines from which the motion shows which of them carries: 4 sd of the markers' place."""
+SMALL_CURVE_M = 1e-3
+"""Largest distance [m] of the lines of a curve that count as close: those of a curve too small to roll on,
+whose radius is below 0.5 mm."""
 CARRYING_SHARE = 0.35
 """Scale of Q, the region believed to hold the centre of mass, for which the planned edge, or the line that
 takes over from it, must carry at balance. For all of Q, a bottle or carton with cut corners would lose edges
@@ -64,11 +68,12 @@ def with_next_edge(model: ObjectModel, axis: PivotAxis, region: Region) -> Pivot
     if phi > MAX_PHI:
         return axis
     try:
-        rolls = axis.moulded or is_curved(support_of_outline(points, np.zeros(2), axis.radius), phi)
-        supports = () if rolls else support_lines(points, axis.radius, axis.sd, join_curves=False)
+        section = support_of_outline(points, np.zeros(2), axis.radius)
+        lands = rolls_until(section, phi)
+        if lands is not None or axis.moulded:
+            return _rolling_until(axis, region, section, math.inf if lands is None else lands)
+        supports = support_lines(points, axis.radius, axis.sd, join_curves=False)
     except EstimationError:
-        return axis
-    if not supports:
         return axis
     off = _edge_offset(model, axis)
     most = max(MAX_SHIFT_M, axis.sd)
@@ -88,6 +93,24 @@ def with_next_edge(model: ObjectModel, axis: PivotAxis, region: Region) -> Pivot
     if share > CARRYING_SHARE:
         next_edge = replace(next_edge, carrier=supports[i], carrier_firmness=share)
     return replace(axis, next_edge=next_edge)
+
+
+def _rolling_until(axis: PivotAxis, region: Region, section: SupportFunction, lands: float) -> PivotAxis:
+    """Copy of a pivot axis on which the object rolls, with the face that lands next, such as a handle.
+
+    Args:
+        axis: Pivot axis on a curved flank or with a moulded rounding.
+        region: Region believed to hold the centre of mass, in the object frame.
+        section: Support function of the hull across the axis, about the axis's point.
+        lands: Tipping angle [rad] at which that face lands; infinite if none does.
+    """
+    if not math.isfinite(lands):
+        return axis
+    shift = section.longest_flat(lands - section.step, lands + 2 * section.step)
+    at = max(lands - axis.sd / max(shift, axis.sd) - MARGIN_RAD, 0.0)
+    _, ahead, _ = section.evaluate(np.array(at))
+    room = _room(axis, region, at, float(ahead))
+    return replace(axis, next_edge=NextEdge(lands, shift, room))
 
 
 def over_next_line(axis: PivotAxis) -> PivotAxis | None:
@@ -127,7 +150,10 @@ def over_close_lines(model: ObjectModel, axis: PivotAxis, region: Region) -> Piv
     supports = support_lines(points, axis.radius, axis.sd, join_curves=False)
     firm = [math.inf, *(_firmness(axis, region, supports, i) for i in range(1, len(supports))), math.inf]
     off = _edge_offset(model, axis)
-    near = [_apart(line, supports[0]) + off <= MEASURABLE_SHIFT_M and not line.is_curve for line in supports]
+    near = [
+        _apart(line, supports[0]) + off <= (SMALL_CURVE_M if line.is_curve else MEASURABLE_SHIFT_M)
+        for line in supports
+    ]
     last = near.index(False) - 1 if False in near else len(near) - 1
     if last < 0 or firm[last + 1] <= CARRYING_SHARE:
         return None
@@ -181,9 +207,24 @@ def _firmness(axis: PivotAxis, region: Region, supports: Sequence[SupportLine], 
     """
     # Of a curve's short facets all together have the error of one long one.
     off = min(supports[i].takes_over_sd_rad, axis.sd / max(_apart(supports[i], supports[0]), 1e-9))
-    at = supports[i].takes_over_rad - off - MARGIN_RAD
-    forward = axis.tip * math.cos(at) + axis.plane.up * math.sin(at)
-    room = float((region.centre - axis.point) @ forward) - supports[i - 1].ahead_m(at)
+    at = max(supports[i].takes_over_rad - off - MARGIN_RAD, 0.0)
+    return _room(axis, region, at, supports[i - 1].ahead_m(at))
+
+
+def _room(axis: PivotAxis, region: Region, theta: float, ahead: float) -> float:
+    """Largest scale of a region for which every centre of mass in it has passed above the contact.
+
+    Args:
+        axis: Pivot axis.
+        region: Region believed to hold the centre of mass, in the object frame, scaled about its centre.
+        theta: Tipping angle [rad].
+        ahead: Horizontal distance [m] of the contact from the axis's point at that angle.
+
+    Returns:
+        The scale; negative if not even the region's centre has passed.
+    """
+    forward = axis.tip * math.cos(theta) + axis.plane.up * math.sin(theta)
+    room = float((region.centre - axis.point) @ forward) - ahead
     return room / max(float(region.reach(forward[None])[0]), 1e-12)
 
 

@@ -35,7 +35,8 @@ deg with c in its expected place."""
 MIN_CORNER_RATIO = 0.75
 """The same for a corner between straight sides, over which the object can be tipped instead."""
 MAX_ASIDE = 0.2
-"""Largest distance of c beside the rim's point of contact, over that of the tangent from c."""
+"""Largest distance of c beside the rim's point of contact, over that of the tangent from c or, if larger, the
+rim's radius of curvature."""
 ROUND_ASIDE = 0.1
 """Largest distance of c beside the point of contact, over that of the tangent from c, in all directions of a
 rim that counts as round about c."""
@@ -100,7 +101,8 @@ def _keeps_heading(plane: RestingPlane, rim: BoolArray, tip: Array, beside: Arra
     """True if an object that tips over a rim in the direction `tip` keeps its heading.
 
     All of the polygon within `CURVATURE_WINDOW` of that direction must be rim, c must stand beside the point
-    of contact within `MAX_ASIDE`, and the rim's mean radius of curvature there must be at least
+    of contact within `MAX_ASIDE` (of a flat side, whose contact moves far under c as the heading turns
+    little, the same share of its radius), and the rim's mean radius of curvature there must be at least
     `MIN_CURVATURE_RATIO` of the tangent's distance from c; `MIN_CORNER_RATIO` if not all of the polygon is
     rim.
 
@@ -123,7 +125,7 @@ def _keeps_heading(plane: RestingPlane, rim: BoolArray, tip: Array, beside: Arra
     radius = (ends[1] - ends[0]) / (2 * np.sin(CURVATURE_WINDOW))
     # The mean of both ends is the contact of the smooth rim; its nearest corner is up to half a facet away.
     least = MIN_CURVATURE_RATIO if rim.all() else MIN_CORNER_RATIO
-    return radius >= least * distance and abs(sum(ends)) / 2 <= MAX_ASIDE * distance
+    return radius >= least * distance and abs(sum(ends)) / 2 <= MAX_ASIDE * max(distance, radius)
 
 
 def _ovals_directions(plane: RestingPlane, beside: Array) -> list[Array]:

@@ -20,6 +20,7 @@ from schemas.object_spec import Box, LengthUnit, MarkerSpec, ObjectSpec, Shape
 from schemas.strike_plan import Pivot
 from tests.analyze.geometry.shapes import spec_of, stl
 from tests.analyze.motion.rolling import RollingBody, as_tracked, draw_rolling
+from tests.analyze.motion.test_rolling_until import HANDLE, RADIUS, cup, handle_lands
 from tests.analyze.motion.tipping import planned
 from tests.analyze.planning.random_bodies import convex_triangles
 from tests.analyze.planning.test_planes_and_pivots import hexagon
@@ -143,6 +144,24 @@ def test_next_side_of_a_hexagon_lands_at_60_degrees_and_its_end_at_90():
 def test_body_on_a_flank_has_no_landing_angle():
     spec, data, strike = moulded()
     assert next_face_angle(load_object_model(spec, data, "bowl.stl"), strike) is None
+
+
+def test_body_rolls_on_its_foot_until_its_handle_lands():
+    outline = cup(HANDLE)
+    points = np.concatenate(
+        [np.column_stack([outline[:, 0], np.full(len(outline), y), outline[:, 1]]) for y in (-0.04, 0.04)]
+    )
+    data = trimesh.PointCloud(points).convex_hull.export(file_type="stl")
+    spec, _, strike = moulded()
+    strike = strike.model_copy(update={"phi_predicted_rad": math.radians(34)})
+    model, live = load_object_model(spec, data, "bowl.stl"), MeshSections(spec, lambda: data)
+    lands = next_face_angle(model, strike)
+    assert lands == pytest.approx(handle_lands() - math.radians(1), abs=math.radians(1.5))
+    assert live.landing_angle_rad(strike) == lands
+    assert strike_supports(model, strike) is None
+    section = rolling_outline(model, strike)
+    assert section is not None
+    assert section.centre(math.radians(30))[2] == pytest.approx(RADIUS, rel=0.1)
 
 
 def test_neighbour_that_lands_before_balance_is_in_the_supports_and_the_face_after_it_lands():
