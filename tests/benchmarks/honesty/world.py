@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import tempfile
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,7 @@ from analyze.planning.prepared import FRICTION, prepare_object
 from analyze.planning.view import default_camera
 from analyze.reading.object_file import read_object_files
 from analyze.result.document import result_document
+from analyze.verbs.plan.nominal_striker import prepared_for_mat
 from tests.benchmarks.honesty.bodies import Specimen, TrueBody
 from tests.benchmarks.honesty.described import Description
 from tests.benchmarks.honesty.disturbances import DISTURBANCES
@@ -76,9 +77,10 @@ def run_world_session(name: str, kind: Kind, seed: int, bank: Bank, images: bool
     shape = make(name, seed)
     made = world_specimen(name, seed)
     try:
-        described = _described(shape, kind)
+        described, mat = _described(shape, kind)
     except AnalyzeError as error:
         return WorldTrial(shape, Trial(made, None, None, None, f"no plan: {error}", {}), 0)
+    made = replace(made, friction=_on_mat(made.friction, mat))
     disturbance = DISTURBANCES["none"]
     rng = np.random.default_rng((0x30B1D, seed, *f"{name} {kind}".encode()))
     motions, truths = make_strikes(described, made, (disturbance, images), bank, rng)
@@ -146,8 +148,13 @@ def _over_one_wall(
     return mass_distribution(parameters, cells, rng)
 
 
-def _described(shape: WorldShape, kind: Kind) -> Description:
-    """Object as its user describes it, with the product's plan.
+def _on_mat(friction: float, mat: float) -> float:
+    """Friction between a plan's mat and the roughest, as far up as `friction` is between the usual and it."""
+    return mat + (friction - FRICTION) * (MOST_FRICTION - mat) / (MOST_FRICTION - FRICTION)
+
+
+def _described(shape: WorldShape, kind: Kind) -> tuple[Description, float]:
+    """Object as its user describes it, with the product's plan, and the least friction of the plan's mat.
 
     Raises:
         AnalyzeError: the product refuses the shape, or a plan.
@@ -156,5 +163,6 @@ def _described(shape: WorldShape, kind: Kind) -> Description:
         files = read_object_files(write_object(shape, kind, Path(folder)))
     model = load_object_model(files.spec, files.shape_bytes, files.shape_name)
     bench = Bench(StrikerModel(fastest_m_s=5.0), default_camera(), FRICTION)
-    plan = plan_strikes(prepare_object(model, files.spec, bench), files.sha256, PlanRequest(strikes=STRIKES))
-    return Description(files.spec, model, (), plan)
+    prepared, _ = prepared_for_mat(prepare_object(model, files.spec, bench))
+    plan = plan_strikes(prepared, files.sha256, PlanRequest(strikes=STRIKES))
+    return Description(files.spec, model, (), plan), prepared.bench.friction
