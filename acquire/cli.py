@@ -337,7 +337,8 @@ def stop(rig: Path | None, end_daemon: bool) -> None:
         with DaemonClient(_socket(rig), patience_s=2.0) as client:
             client.call("striker.stop")
             if end_daemon:
-                client.call("shutdown")
+                with client.another() as again:  # where many are connected, each connection has one request
+                    again.call("shutdown")
     except DaemonSilent as error:
         raise DaemonSilent(f"NOT STOPPED: if the arm moves, cut the motor's power: {error}") from None
     click.echo("daemon stopped" if end_daemon else "striker stopped")

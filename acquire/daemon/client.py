@@ -44,12 +44,13 @@ class DaemonClient:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.settimeout(patience_s)
         try:
-            self._socket.connect(str(path))
-        except (TimeoutError, BlockingIOError):  # the queue of waiting connections is full
+            _connect(self._socket, path, patience_s)
+        except TimeoutError:
             self._socket.close()
             raise DaemonSilent(
-                f"the daemon at {path} takes no connections: it hangs: "
-                f"find it with `fuser {path}`, end it with `kill -9`, start it again"
+                f"the daemon at {path} has taken no connection for {patience_s:g} s: it hangs, or other "
+                f"programs connect without end: find them with `fuser {path}` and end those; if only the "
+                "daemon is left, end it with `kill -9` and start it again"
             ) from None
         except OSError:
             self._socket.close()
@@ -170,6 +171,25 @@ class DaemonClient:
             f"{self._path}: the program that listens there is not a daemon of Percuss: "
             "see [daemon] socket in the rig file"
         )
+
+
+def _connect(sock: socket.socket, path: Path, patience_s: float) -> None:
+    """Connect to the socket at `path`, also if its queue of waiting connections is full for a while.
+
+    Raises:
+        TimeoutError: the queue was full for `patience_s` [s].
+        OSError: nothing listens at `path`.
+    """
+    end_s = time.monotonic() + patience_s
+    while True:
+        try:
+            sock.connect(str(path))
+        except BlockingIOError:  # at once: unix sockets do not wait for a place in the queue
+            if time.monotonic() > end_s:
+                raise TimeoutError from None
+            time.sleep(0.01)
+        else:
+            return
 
 
 def wait_for_socket(path: Path, alive: Callable[[], bool], timeout_s: float = 20.0) -> None:

@@ -39,6 +39,8 @@ from schemas.watch_lines import JudgeRequest, WatchEvent
 TICK_S = 0.1
 """interval between checks of signals, the parent and the child processes [s]"""
 CAPTURE_RETRY_S = 1.0
+URGENT = frozenset({"striker.stop", "recording.close", "shutdown"})
+"""requests that are carried out however many programs are connected"""
 
 
 class Daemon:
@@ -85,7 +87,9 @@ class Daemon:
             signal.signal(number, self._request_stop)
         service = ServiceManager.from_environment()  # before there are child processes
         with contextlib.ExitStack() as cleanup:
-            self._server = ApiServer(self._config.daemon.socket_path(), self._handlers())
+            self._server = ApiServer(
+                self._config.daemon.socket_path(), self._handlers(), urgent=URGENT, complain=self._complain
+            )
             cleanup.callback(self._server.close)
             cleanup.callback(self._prompts.close)
             cleanup.callback(self._capture.stop)
@@ -103,7 +107,8 @@ class Daemon:
             while not self._stop_requested and goes_on():
                 time.sleep(TICK_S)
                 self._supervise()
-                report_alive()
+                if self._server.accepting:
+                    report_alive()
 
     def _request_stop(self, *_: object) -> None:
         self._stop_requested = True

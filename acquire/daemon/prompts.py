@@ -37,8 +37,12 @@ class Prompts:
             The answer: `{"ok": bool, "text": str}`.
 
         Raises:
-            SessionError: the daemon stops, or the asking client leaves, before an answer.
+            SessionError: `kind` or `text` of the question is missing; the daemon stops, or the asking client
+                leaves, before an answer.
         """
+        for key in ("kind", "text"):
+            if not isinstance(params.get(key), str):
+                raise SessionError(f'a question needs "{key}", a text: {{"kind": "place", "text": "..."}}')
         with self._changed:
             number = next(self._numbers)
             self._answers[number] = None

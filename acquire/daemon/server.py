@@ -11,6 +11,9 @@ events only: {"event": "prompt", ...}.
 
 The socket has mode 0600 in a folder of mode 0700 that belongs to the user, and the peer's user id is checked:
 another user is refused by both. The client checks the daemon's user in the same way.
+
+Whatever other programs of the user do, `striker.stop` is answered: connections that send nothing cost no
+thread (door.py), and beyond `MAX_CLIENTS` `RESERVE` threads answer urgent requests alone, one per connection.
 """
 
 from __future__ import annotations
@@ -18,96 +21,40 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import queue
-import socket
-import stat
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from acquire.daemon.client import DaemonClient
-from acquire.daemon.peer import read_peer
-from acquire.errors import AcquireError, DaemonBusy, DaemonError, DaemonNotRunning
+from acquire.daemon.connection import Connection
+from acquire.daemon.door import Caller, Door, hang_up
+from acquire.daemon.private_socket import listen_privately
+from acquire.daemon.request_reader import RequestReader
+from acquire.errors import AcquireError, DaemonError
 
-MAX_LINE_BYTES = 64 << 20
-"""greatest size of a request [bytes], which carries at most one shape file"""
+MAX_CLIENTS, RESERVE = 64, 8
+"""clients that are served at once, and threads beyond them for urgent requests"""
+MAX_URGENT = 256
+"""urgent requests that may wait for one of those threads"""
+IDLE_S = 3600.0
+"""time after which a client without a request is sent away [s]; not one that listens or has a session open"""
+YIELD_S = 10.0
+"""time without a request after which a client gives its place to another, if there is none left [s]"""
 BUSY_S = 1.0
 """interval between the busy reports of a request in progress [s]"""
+_ROUND_S, _LATE_S = 1.0, 5.0
+"""longest pause between two looks at the door, and time without a look after which it counts as stuck [s]"""
+_PAUSE_S = 0.05
+"""pause after a connection could not be taken [s]"""
 
-Handler = Callable[["Connection", dict[str, Any]], object]
+_ALL_TAKEN = (
+    f"{MAX_CLIENTS} programs are connected to the daemon, as many as it serves at once: end those that are "
+    "not needed (`fuser -v SOCKET` lists them), and try again"
+)
 
-
-class Connection:
-    """Connection of one client to the daemon; its `on_close` callbacks run when it ends, however it ends.
-
-    Args:
-        sock: connected socket.
-    """
-
-    def __init__(self, sock: socket.socket) -> None:
-        self._socket = sock
-        self._send_lock = threading.Lock()
-        self.on_close: list[Callable[[], None]] = []
-        self.events: queue.SimpleQueue[dict[str, Any] | None] | None = None
-        """events to send; None before the client subscribes"""
-        self._in_progress: tuple[object, float] | None = None
-        """id of the request in progress, and its start (monotonic) [s]"""
-
-    @property
-    def gone(self) -> bool:
-        """True if the client has hung up; requests that wait for something check it."""
-        try:
-            return self._socket.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT) == b""
-        except BlockingIOError:
-            return False
-        except OSError:
-            return True
-
-    def send(self, message: Mapping[str, Any]) -> None:
-        """Send the client one message as a line of JSON; waits while the client does not read.
-
-        Raises:
-            OSError: the client has hung up.
-            ValueError, TypeError: `message` holds something that JSON cannot.
-        """
-        data = json.dumps(message, allow_nan=False).encode() + b"\n"
-        with self._send_lock:
-            self._socket.sendall(data)
-
-    @contextlib.contextmanager
-    def in_progress(self, request_id: object) -> Iterator[None]:
-        """Context manager; while it is open, `report_busy` reports `request_id` as in progress."""
-        self._in_progress = (request_id, time.monotonic())
-        try:
-            yield
-        finally:
-            with self._send_lock:  # no busy report after the answer
-                self._in_progress = None
-
-    def report_busy(self) -> None:
-        """Send the client a "busy" line: id of the request in progress, and time since it began [s].
-
-        Nothing is sent if no request is in progress, an answer is being sent, or the client does not read.
-        """
-        if not self._send_lock.acquire(blocking=False):
-            return
-        try:
-            if self._in_progress is not None:
-                request_id, since = self._in_progress
-                report = {"id": request_id, "busy_s": round(time.monotonic() - since, 1)}
-                with contextlib.suppress(OSError):  # a unix socket takes a short line whole or not at all
-                    self._socket.send(json.dumps(report).encode() + b"\n", socket.MSG_DONTWAIT)
-        finally:
-            self._send_lock.release()
-
-    def close(self) -> None:
-        """Shut the socket down in both directions; the server's thread for this client then ends."""
-        with contextlib.suppress(OSError):
-            self._socket.shutdown(socket.SHUT_RDWR)
-        if self.events is not None:
-            self.events.put(None)
+Handler = Callable[[Connection, dict[str, Any]], object]
 
 
 class ApiServer:
@@ -120,50 +67,68 @@ class ApiServer:
         handlers: function that carries out each request, by the request's method; it gets the connection and
             the parameters, and returns the result.
         served_uid: id of the user whose processes are served; None: the user of this process.
+        urgent: methods that are carried out even when all places are taken.
+        complain: called with a line for the user when connections cannot be taken, at most once a minute.
 
     Raises:
         DaemonBusy: a daemon listens at `path` already.
         DaemonError: the socket cannot be made, or its folder is open to others.
     """
 
-    def __init__(self, path: Path, handlers: Mapping[str, Handler], served_uid: int | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        handlers: Mapping[str, Handler],
+        served_uid: int | None = None,
+        urgent: Collection[str] = (),
+        complain: Callable[[str], None] = lambda _: None,
+    ) -> None:
         self._path = path
         self._handlers = handlers
-        self._served_uid = os.getuid() if served_uid is None else served_uid
-        self._connections: set[Connection] = set()
-        self._threads: set[threading.Thread] = set()
+        self._urgent, self._complain = frozenset(urgent), complain
+        self._clients: dict[Connection, threading.Thread] = {}
+        self._reserve = ThreadPoolExecutor(RESERVE, thread_name_prefix="api-urgent")
+        self._urgent_connections: set[Connection] = set()
         self._lock = threading.Lock()
+        self._large = threading.Lock()
         self._closing = False
-        self._socket = _listen(path)
+        self._looked_s = time.monotonic()
+        self._complain_again_s = 0.0
+        served = os.getuid() if served_uid is None else served_uid
+        self._door = Door(listen_privately(path), served, str(path))
         self._closed = threading.Event()
         self._acceptor = threading.Thread(target=self._accept, name="api-accept")
         self._acceptor.start()
         self._busy_reporter = threading.Thread(target=self._report_busy, name="api-busy")
         self._busy_reporter.start()
 
+    @property
+    def accepting(self) -> bool:
+        """True while new clients are taken; the daemon reports itself alive only then."""
+        return self._acceptor.is_alive() and time.monotonic() - self._looked_s < _LATE_S
+
     def publish(self, event: str, data: Mapping[str, Any]) -> None:
-        """Queue an event for every client that subscribed to events, without waiting; queues are unbounded.
+        """Queue an event for every client that subscribed to events, without waiting.
 
         Args:
             event: name of the event.
             data: further members of the event's JSON object.
         """
-        with self._lock:
-            subscribers = [c.events for c in self._connections if c.events is not None]
-        for subscriber in subscribers:
-            subscriber.put({"event": event, **data})
+        for connection in self._connections():
+            connection.publish({"event": event, **data})
 
     def close(self) -> None:
         """Stop listening, drop the clients, wait for their threads, and remove the socket."""
         self._closing = True
-        with contextlib.suppress(OSError):
-            self._socket.shutdown(socket.SHUT_RDWR)
-        self._socket.close()
+        self._door.wake()
         self._acceptor.join()
+        self._door.close()
         with self._lock:
-            connections, threads = list(self._connections), list(self._threads)
-        for connection in connections:
+            threads = list(self._clients.values())
+        for connection in self._connections():
             connection.close()
+        on_reserve = threading.current_thread().name.startswith("api-urgent")
+        self._reserve.shutdown(wait=not on_reserve, cancel_futures=True)
         for thread in threads:
             if thread is not threading.current_thread():
                 thread.join()
@@ -171,57 +136,112 @@ class ApiServer:
         self._busy_reporter.join()
         self._path.unlink(missing_ok=True)
 
+    def _connections(self) -> list[Connection]:
+        with self._lock:
+            return [*self._clients, *self._urgent_connections]
+
+    # --- the acceptor's thread
+
     def _accept(self) -> None:
         while not self._closing:
+            self._looked_s = time.monotonic()
             try:
-                sock, _ = self._socket.accept()
-            except OSError:
-                return
-            if (uid := read_peer(sock).uid) != self._served_uid:
-                with sock, contextlib.suppress(OSError):
-                    text = f"{self._path}: the daemon serves only user {self._served_uid}, not user {uid}"
-                    refusal = {"id": None, **_error("DaemonError", text)}
-                    sock.send(json.dumps(refusal).encode() + b"\n", socket.MSG_DONTWAIT)
-                continue
-            connection = Connection(sock)
-            thread = threading.Thread(target=self._serve, args=(connection, sock), name="api-client")
+                for caller in self._door.speaking(_ROUND_S):
+                    self._admit(caller)
+            except Exception as error:
+                # Whatever it is, the next client may want to stop the arm.
+                self._note_trouble(error)
+                self._closed.wait(_PAUSE_S)
+
+    def _note_trouble(self, error: Exception) -> None:
+        """Report that a connection could not be taken, at most once a minute."""
+        if (now_s := time.monotonic()) < self._complain_again_s:
+            return
+        self._complain_again_s = now_s + 60.0
+        reason = error.strerror if isinstance(error, OSError) else f"{type(error).__name__}: {error}"
+        with contextlib.suppress(Exception):
+            self._complain(f"a program could not connect to the daemon ({reason}); others are still taken")
+
+    def _admit(self, caller: Caller) -> None:
+        """Serve a client in a thread of its own, or send it away, if all places are taken.
+
+        Raises:
+            OSError, RuntimeError: the socket is broken, or no thread can be started; the client is sent away.
+        """
+        try:
+            connection = Connection(caller.sock)
             with self._lock:
-                self._connections.add(connection)
-                self._threads.add(thread)
-            thread.start()
+                if len(self._clients) < MAX_CLIENTS:
+                    arguments = (connection, caller)
+                    thread = threading.Thread(target=self._serve, args=arguments, name="api-client")
+                    thread.start()
+                    self._clients[connection] = thread
+                    return
+            self._admit_urgent(connection, caller)
+        except (OSError, RuntimeError):
+            hang_up(caller.sock, "the daemon cannot serve another program now: try again", "DaemonBusy")
+            raise
+
+    def _admit_urgent(self, connection: Connection, caller: Caller) -> None:
+        """Let a client's request be carried out if it is urgent, and one that is idle give up its place."""
+        request_id, method = _first_request(caller)
+        with self._lock:
+            idlest = max(self._clients, key=lambda each: each.idle_s)
+            if idlest.idle_s > YIELD_S:
+                idlest.close()
+            urgent = method in self._urgent and len(self._urgent_connections) < MAX_URGENT
+            if urgent:
+                self._urgent_connections.add(connection)
+        if urgent:
+            self._reserve.submit(self._serve, connection, caller, urgent_only=True)
+        else:
+            hang_up(caller.sock, _ALL_TAKEN, "DaemonBusy", request_id)
 
     def _report_busy(self) -> None:
         while not self._closed.wait(BUSY_S):
-            with self._lock:
-                connections = list(self._connections)
-            for connection in connections:
+            for connection in self._connections():
                 connection.report_busy()
 
-    def _serve(self, connection: Connection, sock: socket.socket) -> None:
+    # --- a client's thread
+
+    def _serve(self, connection: Connection, caller: Caller, *, urgent_only: bool = False) -> None:
         try:
-            with sock, sock.makefile("rb") as stream:
-                self._answer_requests(connection, stream)
+            with caller.sock:
+                reader = RequestReader(caller.sock, self._large, caller.sent)
+                while self._answer_request(connection, reader) and not urgent_only:
+                    pass
         except OSError:
             pass  # the client went away; `on_close` completes or undoes its requests
         finally:
             for callback in connection.on_close:
                 callback()
             with self._lock:
-                self._connections.discard(connection)
-                self._threads.discard(threading.current_thread())
+                self._clients.pop(connection, None)
+                self._urgent_connections.discard(connection)
 
-    def _answer_requests(self, connection: Connection, stream: Any) -> None:
-        while line := stream.readline(MAX_LINE_BYTES):
-            request_id, answer = self._answer(connection, line)
-            try:
-                connection.send({"id": request_id, **answer})
-            except (ValueError, TypeError) as error:
-                text = f"the answer cannot be sent as JSON: {error}"
-                connection.send({"id": request_id, **_error("DaemonError", text)})
-            if connection.events is not None:
-                while (event := connection.events.get()) is not None:
-                    connection.send(event)
-                return
+    def _answer_request(self, connection: Connection, reader: RequestReader) -> bool:
+        """Answer a client's next request; False if it was the last.
+
+        Raises:
+            OSError: the client has hung up.
+        """
+        try:
+            line = reader.next_line(None if connection.on_close else IDLE_S)
+        except DaemonError as error:
+            connection.send({"id": None, **_error("DaemonError", str(error))})
+            return False
+        if line is None:
+            return False
+        request_id, answer = self._answer(connection, line)
+        try:
+            connection.send({"id": request_id, **answer})
+        except (ValueError, TypeError) as error:
+            text = f"the answer cannot be sent as JSON: {error}"
+            connection.send({"id": request_id, **_error("DaemonError", text)})
+        if connection.subscribed:
+            connection.send_events()
+            return False
+        return True
 
     def _answer(self, connection: Connection, line: bytes) -> tuple[object, dict[str, Any]]:
         """Carry out the request in `line`, a line of JSON.
@@ -235,11 +255,13 @@ class ApiServer:
         request_id: object = None
         try:
             request = json.loads(line)
+            if not isinstance(request, dict):
+                raise DaemonError(f"a request is a JSON object, not {type(request).__name__}")
             given_id = request.get("id")
             request_id = given_id if isinstance(given_id, int | str) else None
             method, params = request["method"], request.get("params", {})
             if method == "subscribe":
-                connection.events = queue.SimpleQueue()
+                connection.subscribe()
                 return request_id, {"result": {}}
             handler = self._handlers.get(method)
             if handler is None:
@@ -256,95 +278,15 @@ class ApiServer:
             )
 
 
+def _first_request(caller: Caller) -> tuple[object, object]:
+    """Id and method of a client's first request; None where it has none, or is not read to its end."""
+    line, _, _ = bytes(caller.sent).partition(b"\n")
+    try:
+        request = json.loads(line)
+    except (ValueError, RecursionError):
+        return None, None
+    return (request.get("id"), request.get("method")) if isinstance(request, dict) else (None, None)
+
+
 def _error(kind: str, message: str) -> dict[str, Any]:
     return {"error": {"kind": kind, "message": message}}
-
-
-def _listen(path: Path) -> socket.socket:
-    """Open and return a socket that listens at `path`, with mode 0600 in a private folder.
-
-    The socket that a killed daemon left at `path` is replaced.
-
-    Raises:
-        DaemonBusy: a daemon listens at `path` already.
-        DaemonError: the path is too long or taken, its folder is not private, or the socket cannot be made.
-    """
-    if len(str(path).encode()) > 100:
-        raise DaemonError(
-            f"{path}: a socket's path may have 100 bytes; "
-            "set [daemon] socket in the rig file to a shorter one"
-        )
-    _require_private_folder(path.parent)
-    _remove_stale_socket(path)
-    sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    mask = os.umask(0o177)
-    try:
-        sock.bind(str(path))
-    except OSError as error:
-        sock.close()
-        raise DaemonError(
-            f"{path}: the daemon's socket cannot be made: {error.strerror}: set [daemon] socket elsewhere"
-        ) from None
-    finally:
-        os.umask(mask)
-    sock.listen(16)
-    return sock
-
-
-def _require_private_folder(folder: Path) -> None:
-    """Create the socket's folder if it is missing; raise DaemonError if the folder is not private.
-
-    Raises:
-        DaemonError: the folder cannot be made, is a symbolic link, belongs to another user, or others may
-            access it.
-    """
-    try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        found = folder.lstat()
-    except OSError as error:
-        raise DaemonError(
-            f"{folder}: cannot be made for the daemon's socket: {error.strerror}: "
-            "set [daemon] socket elsewhere"
-        ) from None
-    if stat.S_ISLNK(found.st_mode):
-        raise DaemonError(
-            f"{folder}: is a symbolic link, but the daemon's socket needs a folder: "
-            "set [daemon] socket to a path in the folder that the link leads to"
-        )
-    if found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o077:
-        raise DaemonError(
-            f"{folder}: the folder of the daemon's socket must belong to you alone: set its mode (chmod 700)"
-        )
-
-
-def _remove_stale_socket(path: Path) -> None:
-    """Remove the socket that a killed daemon left at `path`, if there is one; never anything else.
-
-    Raises:
-        DaemonBusy: a daemon listens at `path`.
-        DaemonError: something else is at `path`, the socket belongs to another user, or the daemon there
-            hangs.
-    """
-    try:
-        found = path.lstat()
-    except FileNotFoundError:
-        return
-    if not stat.S_ISSOCK(found.st_mode):
-        raise DaemonError(
-            f"{path}: is not a socket, and is left as it is: "
-            "set [daemon] socket in the rig file to another path"
-        )
-    if found.st_uid != os.getuid():
-        raise DaemonError(
-            f"{path}: belongs to user {found.st_uid}, and is left as it is: "
-            "set [daemon] socket in the rig file to another path"
-        )
-    try:
-        DaemonClient(path).close()
-    except DaemonNotRunning:
-        path.unlink()
-    else:
-        raise DaemonBusy(
-            f"a daemon already listens at {path}: "
-            "stop it with `acquire stop --daemon`, or set [daemon] socket to another path"
-        )

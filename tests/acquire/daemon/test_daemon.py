@@ -149,7 +149,7 @@ def test_a_stop_answers_the_question_that_is_open(rig: Daemon) -> None:
     connection = type("Connection", (), {"gone": False})()
     answers: list[dict] = []
     asking = threading.Thread(
-        target=lambda: answers.append(rig._prompts.ask(connection, {"text": "place it"}))
+        target=lambda: answers.append(rig._prompts.ask(connection, {"kind": "place", "text": "place it"}))
     )
     asking.start()
     while not rig._prompts._answers:
@@ -160,6 +160,16 @@ def test_a_stop_answers_the_question_that_is_open(rig: Daemon) -> None:
             rig._prompts.answer(connection, {"prompt_id": 1, "ok": True})
     asking.join(5)
     assert answers == [{"ok": False, "text": "stopped on request"}]
+
+
+@pytest.mark.parametrize(
+    "question", [{}, {"text": "place it"}, {"kind": 5, "text": "place it"}, {"kind": "place"}]
+)
+def test_a_question_without_kind_or_text_is_refused(rig: Daemon, question: dict) -> None:
+    """It would end the console that shows it."""
+    connection = SimpleNamespace(gone=False)
+    with pytest.raises(SessionError, match=r'a question needs "(kind|text)"'):
+        rig._prompts.ask(connection, question)
 
 
 def test_a_stop_since_a_session_was_opened_holds(rig: Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
