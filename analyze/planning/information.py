@@ -1,10 +1,8 @@
 """Fisher information of strikes about centre of mass and inertia (method 1.6, 4, 5).
 
 Every strike gives the balance angle phi and ln k, k the rate constant of the tip. Both are linear in small
-changes of the unknowns: the centre of mass c, the six entries of the inertia about c, and the errors that
-strikes share: mass, gravity, its tilt, the shape's scale, the edges' radius. Errors of one axis (the line's
-place, an angle, a part of k) are integrated out, so that repeats do not average them. All unknowns are in
-units of their prior 1 sigma.
+changes of the unknowns, which are in units of their prior 1 sigma: centre of mass, inertia about it, and the
+errors that strikes share. Errors of one axis are integrated out, so that repeats do not average them.
 """
 
 from __future__ import annotations
@@ -216,8 +214,7 @@ class Information:
             # A larger radius moves the centre line inwards: up and away from the tip.
             shared[:, RADIUS] = -(shared[:, COM] @ (axis.plane.up - axis.tip))
             shared[1, RADIUS] -= 2 * m * (R + rho) / i_edge
-        if axis.radius_sd is not None:
-            shared[:, RADIUS] *= axis.radius_sd / e.edge_radius
+        shared[:, RADIUS] *= 1.0 if axis.radius_sd is None else axis.radius_sd / e.edge_radius
         own = np.zeros((2, AXIS_COUNT))
         own[:, 0] = -(shared[:, COM] @ axis.tip) * axis.sd
         own[:, 1] = -(shared[:, COM] @ axis.plane.up) * axis.sd
@@ -293,13 +290,11 @@ class Information:
     def _marginal(self, each: Candidate, strikes: int) -> Array:
         shared, own, weight = self.measurements(each, strikes)
         if each.axis.turn_sd > 0:
-            # Woodbury's difference would be lost in rounding: a scanned face's slope may err by degrees.
+            # A scanned face's slope errs by degrees: Woodbury's difference would be lost in rounding.
             values, vectors = np.linalg.eigh(weight)
-            root = vectors * np.sqrt(np.maximum(values, 0.0))
-            across = root.T @ own
-            seen = root.T @ shared
-            kept = np.linalg.solve(np.eye(len(weight)) + across @ across.T, seen)
-            return np.asarray(seen.T @ kept, dtype=np.float64)
+            root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+            errors = np.eye(len(weight)) + root @ own @ own.T @ root.T
+            return np.asarray(shared.T @ root.T @ np.linalg.solve(errors, root @ shared), dtype=np.float64)
         # (W^-1 + B B^T)^-1 by Woodbury, for W that may be singular (no k).
         inner = np.linalg.inv(np.eye(own.shape[1]) + own.T @ weight @ own)
         marginal = weight - weight @ own @ inner @ own.T @ weight
