@@ -64,9 +64,6 @@ class EdgeRounding:
     """1 sigma of the radius [m]."""
     reach: float
     """Distance [m] from the sharp edge up to which a point belongs to it."""
-    blurred: bool = False
-    """True if the making of the surface may have rounded the edge: the object's own radius is at most
-    `radius`."""
 
     @property
     def direction(self) -> Array:

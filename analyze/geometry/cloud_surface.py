@@ -122,6 +122,9 @@ class CloudSurface:
     extrapolated."""
     roundings: tuple[EdgeRounding, ...] = ()
     """Roundings that the points show at edges between two planes."""
+    meshed: bool = False
+    """True if a scan's mesh was fitted, whose making rounds every edge: its true radius is at most the one
+    seen."""
 
 
 def cloud_surface(points: Array) -> CloudSurface:

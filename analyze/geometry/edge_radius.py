@@ -128,22 +128,22 @@ def scanned_radius(model: ObjectModel, point: Array, direction: Array) -> Radius
     """
     if model.cloud is None:
         return None
-    blurred = [each.radius for each in model.cloud.roundings if each.blurred]
     near = [
         (each.distance(point), number)
         for number, each in enumerate(model.cloud.roundings)
         if each.distance(point) < each.reach and abs(float(each.direction @ direction)) > PARALLEL_COSINE
     ]
     best = model.cloud.roundings[min(near)[1]] if near else None
-    if blurred:
+    if model.cloud.meshed and model.cloud.roundings:
         # The meshing that rounded the edges between flat faces rounded the others too.
-        return _blurred_radius(float(np.median(blurred)) if best is None else best.radius)
+        typical = float(np.median([each.radius for each in model.cloud.roundings]))
+        return blurred_radius(typical if best is None else best.radius)
     if best is None or best.sd > MAX_SCANNED_SD:
         return None
     return RadiusPrior(best.radius, 0.0, best.sd, RadiusSource.SCAN)
 
 
-def _blurred_radius(seen: float) -> RadiusPrior:
+def blurred_radius(seen: float) -> RadiusPrior:
     """Radius of an edge that a scan shows with the radius `seen` [m], of which the meshing made a part.
 
     All radii from 0 to `seen` count as equally likely; a smaller one than `MAX_ASSUMED_RADIUS` shows nothing.

@@ -273,6 +273,6 @@ def _flattened(
         scanned=scanned,
         overhang=None,
         unwalled=(False,) * len(planes),
-        # The meshing of a scan rounds every edge.
-        roundings=tuple(replace(each, blurred=True) for each in edge_roundings(points, planes, sd, extent)),
+        roundings=edge_roundings(points, planes, sd, extent),
+        meshed=True,
     )

@@ -11,7 +11,8 @@ import numpy as np
 from analyze.estimation.equiplane import equiplane, equiplane_normal
 from analyze.estimation.priors import SystematicErrors, TiltPrior
 from analyze.estimation.rest_turns import RestTurns, rest_turns
-from analyze.geometry.edge_radius import edge_radius, stated_radius
+from analyze.geometry.cloud_roundings import MAX_RADIUS
+from analyze.geometry.edge_radius import MAX_ASSUMED_RADIUS, blurred_radius, edge_radius, stated_radius
 from analyze.geometry.face_slopes import turn_covariance
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.surface_error import surface_sd
@@ -136,14 +137,14 @@ def with_edge(plane: EquiPlane, evidence: Evidence) -> EquiPlane:
     object rests on it and where it rises from the edge. If the object balanced over another line of the shape
     than the planned edge, the error of the place is that of this line. An edge that is rounded in the shape
     itself gets the prior alone; its names of faces stay as they are. The plane of a strike in which the
-    contact rolled on a curved flank is returned unchanged.
+    contact rolled on a curved flank is returned unchanged, unless the meshing of a scan may have made it.
 
     Args:
         plane: equi-plane of one strike, in the object frame O.
         evidence: strikes with object file, shape and plan.
     """
     if not plane.rounded:
-        return plane
+        return _with_blurred_curve(plane, evidence.model)
     model, up, forward = evidence.model, plane.base_up, np.cross(plane.direction, plane.base_up)
     lean = wall_lean(model, forward, up, [plane.point], plane.edge_radius)
     leaning = lean or 0.0
@@ -167,6 +168,31 @@ def with_edge(plane: EquiPlane, evidence: Evidence) -> EquiPlane:
         wall=wall if rest and lean is not None else "",
         wall_lean=leaning,
         radius_prior=replace(radius, mean=plane.edge_radius),
+    )
+
+
+def _with_blurred_curve(plane: EquiPlane, model: ObjectModel) -> EquiPlane:
+    """Equi-plane of a strike that rolled on a curve, which may be an edge that the meshing of a scan rounded.
+
+    Up to `MAX_RADIUS` the object may have any radius from 0 to that of the curve. A smaller one has its
+    centre line farther out, towards the sharp edge. Planes of other shapes and curves are not changed.
+
+    Args:
+        plane: equi-plane through the centre of curvature and the centre of mass.
+        model: shape of the object.
+    """
+    meshed = model.cloud is not None and model.cloud.meshed
+    if not meshed or not MAX_ASSUMED_RADIUS < plane.edge_radius < MAX_RADIUS:
+        return plane
+    prior, up = blurred_radius(plane.edge_radius), plane.base_up
+    outwards = np.cross(plane.direction, up) - up
+    return replace(
+        plane,
+        point=plane.point + (plane.edge_radius - prior.mean) * outwards,
+        edge_radius=prior.mean,
+        radius_sd=0.0,
+        radius_prior=prior,
+        rounded=True,
     )
 
 

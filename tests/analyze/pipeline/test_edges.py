@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from analyze.estimation.joint_model import centre_line_shift
 from analyze.geometry.object_model import LINE_SD, load_object_model
 from analyze.motion.supports import support_lines
 from analyze.pipeline.equiplanes import with_edge
@@ -14,11 +15,14 @@ from analyze.pipeline.evidence import Evidence
 from analyze.planning.hypothesis import hypothesis
 from analyze.planning.pivots import BRIDGED_SD, pivot_axes
 from analyze.planning.stable_planes import resting_planes
+from analyze.reading.object_file import read_object_files
 from analyze.types import EquiPlane, RadiusSource
 from schemas.object_spec import ObjectSpec
 from tests.analyze.geometry.shapes import spec_of, stl
 from tests.analyze.planning.random_bodies import convex_triangles
 from tests.analyze.planning.test_moulded import moulded, upright_axes
+from tests.world.catalogue import make
+from tests.world.object_files import write_object
 
 
 def edges(spec: ObjectSpec, model, axes) -> dict[str, EquiPlane]:
@@ -98,3 +102,25 @@ def test_next_line_has_the_error_of_its_own_facets(surface_sd):
         assert found.face not in ("", axis.plane.id)
         assert found.wall
         assert found.edge_sd == pytest.approx(np.hypot(LINE_SD, surface_sd))
+
+
+def test_curve_that_meshing_may_have_made_is_anything_up_to_a_sharp_edge(tmp_path):
+    """The end of a scanned piece of cucumber counted as exactly as round as its mesh: c was 5 mm off."""
+    files = read_object_files(write_object(make("gelatin_box", 1), "scan", tmp_path))
+    model = load_object_model(files.spec, files.shape_bytes, files.shape_name)
+    evidence = Evidence((), files.spec, model, None, "", ())  # type: ignore[arg-type]
+    forward, along, up = np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0, 0, 1.0])
+    rolled = EquiPlane(
+        "s1", "p0e0", np.zeros(3), along, up, forward, 0.3, 1e-3, None, None, 0.0, 4e-3, 5e-4, rounded=False
+    )
+    found = with_edge(rolled, evidence)
+    assert found.rounded
+    assert found.radius_prior.source is RadiusSource.BLURRED
+    assert found.edge_radius == pytest.approx(2e-3)
+    sharp = 4e-3 * (forward - up)
+    assert found.point == pytest.approx(sharp / 2)
+    assert found.point - found.edge_radius * centre_line_shift(found) == pytest.approx(sharp)
+    flank = replace(rolled, edge_radius=0.03)
+    assert with_edge(flank, evidence) is flank
+    _, drawn = moulded(0.003, False)
+    assert with_edge(rolled, Evidence((), files.spec, drawn, None, "", ())) is rolled  # type: ignore[arg-type]
