@@ -29,6 +29,7 @@ from analyze.geometry.flat_faces import (
     shared_covariance,
 )
 from analyze.geometry.hull_planes import FittedPlane, weighted_fit
+from analyze.geometry.outermost_radius import outermost_radius
 from analyze.geometry.polyhedron import BoolArray, area_vectors, hull_faces
 from analyze.geometry.scanned_surface import ScannedSurface, scanned_mesh
 from analyze.geometry.surface_error import ASSUMED_FILE_SD
@@ -273,6 +274,9 @@ def _flattened(
         scanned=scanned,
         overhang=None,
         unwalled=(False,) * len(planes),
-        roundings=edge_roundings(points, planes, sd, extent),
+        roundings=tuple(
+            replace(each, radius=max(each.radius, outermost_radius(each, points, planes)))
+            for each in edge_roundings(points, planes, sd, extent)
+        ),
         meshed=True,
     )
