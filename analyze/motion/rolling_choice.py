@@ -80,13 +80,25 @@ def rolls_until(section: SupportFunction, phi: float) -> float | None:
     Returns:
         The angle at which the first such face lands; infinite if none does up to 25 deg past `phi`.
     """
-    last = phi + PAST_PHI_RAD
-    lands = section.first_flat(_FIRST_ANGLE, last, _MAX_BEVEL_M)
+    lands = next_landing(section, phi)
     if lands < phi + _MIN_ROOM_RAD:
         return None
-    if section.curved_over(_FIRST_ANGLE, min(last, lands), _MIN_CURVE_RADIUS_M) <= _MIN_CURVE_RAD:
+    last = min(phi + PAST_PHI_RAD, lands)
+    if section.curved_over(_FIRST_ANGLE, last, _MIN_CURVE_RADIUS_M) <= _MIN_CURVE_RAD:
         return None
     return lands
+
+
+def next_landing(section: SupportFunction, phi: float) -> float:
+    """Tipping angle [rad] at which the first flat face of 0.5 mm or more lands; infinite if none does.
+
+    Faces that land later than 25 deg past `phi` do not count.
+
+    Args:
+        section: the object's cross-section at the pivot axis.
+        phi: balance angle [rad].
+    """
+    return section.first_flat(_FIRST_ANGLE, phi + PAST_PHI_RAD, _MAX_BEVEL_M)
 
 
 def relative_to_rolling(motion: PlanarMotion, curve: SupportFunction, planned: PlannedStrike) -> PlanarMotion:

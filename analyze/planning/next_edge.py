@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.errors import EstimationError
-from analyze.motion.rolling_choice import rolls_until
+from analyze.motion.rolling_choice import is_curved, next_landing
 from analyze.motion.support_function import support_of_outline
 from analyze.motion.supports import LIFTED_RAD, support_lines
 from analyze.planning.examine import MAX_PHI
@@ -69,9 +69,8 @@ def with_next_edge(model: ObjectModel, axis: PivotAxis, region: Region) -> Pivot
         return axis
     try:
         section = support_of_outline(points, np.zeros(2), axis.radius)
-        lands = rolls_until(section, phi)
-        if lands is not None or axis.moulded:
-            return _rolling_until(axis, region, section, math.inf if lands is None else lands)
+        if axis.moulded or is_curved(section, phi):
+            return _rolling_until(axis, region, section, next_landing(section, phi))
         supports = support_lines(points, axis.radius, axis.sd, join_curves=False)
     except EstimationError:
         return axis
@@ -138,7 +137,7 @@ def over_close_lines(model: ObjectModel, axis: PivotAxis, region: Region) -> Piv
     axis lies in the middle of those that carry at balance for some centre of mass in the region. Half the
     distance from the first line to the last of them is added to the standard deviation of its place, so that
     the analysis of a strike takes all of them for one. A line farther away must not carry for any centre of
-    mass in the region scaled by `CARRYING_SHARE`.
+    mass in the region scaled by `CARRYING_SHARE`. On a moulded rounding the object rolls: None.
 
     Args:
         model: Shape of the object.
@@ -155,7 +154,7 @@ def over_close_lines(model: ObjectModel, axis: PivotAxis, region: Region) -> Piv
         for line in supports
     ]
     last = near.index(False) - 1 if False in near else len(near) - 1
-    if last < 0 or firm[last + 1] <= CARRYING_SHARE:
+    if axis.moulded or last < 0 or firm[last + 1] <= CARRYING_SHARE:
         return None
     last = next(i for i in range(last + 1) if firm[i + 1] > 1 or i == last)
     first = max(i for i in range(last + 1) if i == 0 or firm[i] < -1)

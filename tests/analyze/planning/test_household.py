@@ -83,3 +83,12 @@ def test_flat_sides_of_an_oval_are_tipped_over_beside_the_centre_of_mass(tmp_pat
     centre = hypothesis(model).region.centre
     away = sorted(float(np.max((axis.plane.polygon - centre) @ axis.tip)) for axis in base_axes(model, spec))
     assert away == pytest.approx([0.020, 0.020, 0.032, 0.042], abs=0.002)
+
+
+def test_a_rounding_that_ends_before_balance_is_no_axis(tmp_path):
+    """A pear's foot rolls on 8 mm up to 28 deg, then lies on its belly; its balance comes at 32 deg or later."""
+    model, spec = loaded("pear", tmp_path)
+    axes = base_axes(model, spec)
+    assert axes
+    assert not any(axis.carries_for(0.0) for axis in axes)
+    assert all(over_close_lines(model, axis, hypothesis(model).region) is None for axis in axes)
