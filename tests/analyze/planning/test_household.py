@@ -86,7 +86,7 @@ def test_flat_sides_of_an_oval_are_tipped_over_beside_the_centre_of_mass(tmp_pat
 
 
 def test_a_rounding_that_ends_before_balance_is_no_axis(tmp_path):
-    """A pear's foot rolls on 8 mm up to 28 deg, then lies on its belly; its balance comes at 32 deg or later."""
+    """A pear's foot rolls on 8 mm up to 28 deg, then lies on its belly; balance comes at 32 deg or later."""
     model, spec = loaded("pear", tmp_path)
     axes = base_axes(model, spec)
     assert axes
