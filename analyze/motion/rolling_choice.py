@@ -6,6 +6,8 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from analyze.motion.support_function import circular_support
 
 if TYPE_CHECKING:
@@ -24,6 +26,9 @@ _MAX_BEVEL_M = 5e-4
 """longest flat face [m] within a curve; a longer one is a bevel, over which the body hops"""
 _MIN_ROOM_RAD = math.radians(5.0)
 """least angle [rad] from balance to the landing of the next face, up to which the object rolls"""
+_MAX_FOOT_RADIUS_M = 4e-3
+"""largest radius [m] of a curve on which the object rolls until the next face lands; on 6 mm in facets of 1.2
+mm phi was 1.1 deg off"""
 _FIRST_ANGLE, PAST_PHI_RAD = math.radians(1.0), math.radians(25.0)
 """range of angles [rad] over which the section is examined: from rest on, and to past the predicted
 balance"""
@@ -70,8 +75,8 @@ def rolls_until(section: SupportFunction, phi: float) -> float | None:
     """Tipping angle [rad] up to which the section rolls on a curve of its shape; None if it does not.
 
     It rolls from 1 deg past rest to 25 deg past `phi`, or until a flat face (a bevel, or a part that juts
-    out) of 0.5 mm or more lands, if that is at least 5 deg past `phi`. In that range curves of more than 0.5
-    mm radius must touch the table over more than 15 deg.
+    out) of 0.5 mm or more lands, if that is at least 5 deg past `phi` and the curve's radius is at most 4 mm.
+    In that range curves of more than 0.5 mm radius must touch the table over more than 15 deg.
 
     Args:
         section: the object's cross-section at the pivot axis.
@@ -83,6 +88,10 @@ def rolls_until(section: SupportFunction, phi: float) -> float | None:
     lands = next_landing(section, phi)
     if lands < phi + _MIN_ROOM_RAD:
         return None
+    if math.isfinite(lands):
+        _, _, radius = section.evaluate(np.linspace(_FIRST_ANGLE, phi, 20))
+        if float(np.median(radius)) > _MAX_FOOT_RADIUS_M:
+            return None
     last = min(phi + PAST_PHI_RAD, lands)
     if section.curved_over(_FIRST_ANGLE, last, _MIN_CURVE_RADIUS_M) <= _MIN_CURVE_RAD:
         return None

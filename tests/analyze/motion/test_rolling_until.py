@@ -51,6 +51,12 @@ def test_a_cup_rolls_on_its_foot_until_its_handle_lands():
     assert rolls_until(seen(), math.radians(34)) == math.inf
 
 
+def test_on_a_wide_rounding_it_does_not_roll_until_the_handle_lands():
+    """A toy truck's wing of 6 mm in coarse facets gave phi 1.1 deg too small, and a wrong answer."""
+    wide = 2 * cup(HANDLE)
+    assert rolls_until(support_of_outline(wide, np.zeros(2)), math.radians(34)) is None
+
+
 @pytest.mark.parametrize("phi_deg", [47, 60])
 def test_it_does_not_roll_to_a_balance_after_the_handle(phi_deg):
     assert not is_curved(seen(HANDLE), math.radians(phi_deg))
