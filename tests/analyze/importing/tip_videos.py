@@ -104,7 +104,8 @@ def write_video(
     with av.open(str(path), "w", options=more) as container:
         if captured is not None:
             container.metadata["com.android.capture.fps"] = captured
-        quick = {"preset": "veryfast"} if codec == "libx264" else {}
+        # One thread: with more, pictures differ from run to run.
+        quick = {"preset": "veryfast", "threads": "1"} if codec == "libx264" else {}
         stream = container.add_stream(codec, rate=RATE, options=quick | options)
         stream.height, stream.width = images[0].shape
         stream.pix_fmt = pixels
