@@ -39,6 +39,8 @@ _PRIOR_FRAMES = 5
 """weight of the corners' own sd in the estimate of the noise, as a number of resting frames"""
 _YAW_SD = 0.02
 """prior standard deviation of the object's heading against the plan [rad]"""
+_YAW_TRIALS = 13
+"""headings that are tried before the search about the best of them"""
 _YAW_STEP = 1e-4
 """error of the heading at which its search ends [rad]"""
 _WOBBLE_SD = np.array([np.inf, np.inf, np.inf, 0.15, 0.15, 0.005])
@@ -412,8 +414,11 @@ def _fitted_yaw(views: _Views, pivot: Array, camera: CameraModel) -> float:
         """Cost of a trial heading [rad]."""
         return _cost(_solve(views, pivot, yaw, camera), yaw)
 
-    # Not by a parabola through three headings: far off, wild frames count less, and the cost is none.
-    found = fminbound(cost, -3.0 * _YAW_SD, 3.0 * _YAW_SD, xtol=_YAW_STEP)
+    # As wild frames count less, the cost is no parabola, and may have other minima far from the least.
+    trials = np.linspace(-3.0, 3.0, _YAW_TRIALS) * _YAW_SD
+    best = int(np.argmin([cost(float(yaw)) for yaw in trials]))
+    low, high = trials[max(best - 1, 0)], trials[min(best + 1, len(trials) - 1)]
+    found = fminbound(cost, low, high, xtol=_YAW_STEP)
     return float(np.asarray(found, dtype=np.float64))
 
 
