@@ -134,9 +134,7 @@ class Salvage:
         report = json.loads(output)
         if report["anything_damaged"]:
             records, outside = report["damaged_records"], report["skipped_bytes"]
-            return (
-                f", {part.name} is kept: it holds {counted(records, 'damaged record')} and "
-                f"{counted(outside, 'byte')} outside any record"
-            )
+            held = f"{counted(records, 'damaged record')} and {counted(outside, 'byte')} outside any record"
+            return f", {part.name} is kept: it holds " + "; ".join([held, *report["differences"]])
         part.unlink()
         return ""

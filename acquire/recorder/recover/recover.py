@@ -1,10 +1,13 @@
 """Rebuilds a cut or damaged recording from its whole messages, attachments and metadata.
 
-The new file has a new index and a new seal (metadata record with the hash of the messages).
+The new file has a new index and a new seal (metadata record with the hashes of messages and manifest). What
+differs from the source's own seal or hashes is reported, and stays detectable in the new file.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import re
 import struct
@@ -56,6 +59,8 @@ class RecoverReport:
     """True if the manifest (object, hash of the plan, camera and clock of the session) was saved"""
     content_id: str = ""
     """hash of the saved messages"""
+    differences: list[str] = field(default_factory=list)
+    """what was saved and is not what was recorded, by the source's own seal and hashes; each a line"""
 
     @property
     def anything_lost(self) -> bool:
@@ -64,8 +69,8 @@ class RecoverReport:
 
     @property
     def anything_damaged(self) -> bool:
-        """True if the file holds bytes or records that could not be saved; its early end does not count."""
-        return self.damaged_records > 0 or self.skipped_bytes > 0
+        """True if the file holds damaged bytes, records or contents; its early end does not count."""
+        return self.damaged_records > 0 or self.skipped_bytes > 0 or bool(self.differences)
 
     def as_dict(self) -> dict[str, Any]:
         """Report as a JSON object: all its fields, `anything_damaged` and `anything_lost`; paths as text."""
@@ -74,12 +79,13 @@ class RecoverReport:
         return asdict(self) | texts | losses
 
     def text(self) -> str:
-        """Report in one to four lines for the terminal."""
+        """Report in a few lines for the terminal."""
         topics = f"{counted(len(self.topics), 'topic')}, {counted(self.attachments, 'attachment')}"
         lines = [f"{self.path}: {counted(self.messages, 'message')} on {topics}"]
         if not self.has_manifest:
             lines.append("no manifest: viewers can open the file, `analyze` cannot use it")
-        if self.anything_damaged:
+        lines += [f"not what was recorded: {each}" for each in self.differences]
+        if self.damaged_records or self.skipped_bytes:
             lines.append(
                 f"lost: {counted(self.damaged_records, 'damaged record')}, "
                 f"{counted(self.skipped_bytes, 'byte')} of incomplete records"
@@ -158,6 +164,10 @@ class _Salvage:
         self._topics: dict[int, str] = {}
         self._declared: set[bytes] = set()
         self._manifest_hash: dict[str, str] = {}
+        self._manifest_json = ""
+        self._attachment_hashes: dict[str, str] = {}
+        self._sealed: dict[str, str] = {}
+        """entries of the source's seal"""
 
     def run(self) -> None:
         """Copy what is whole in the damaged recording to the new file, then write the seal; fill the report.
@@ -190,9 +200,35 @@ class _Salvage:
             self._report.lasts_s = (
                 max(each.end_ns for each in chunks) - min(each.start_ns for each in chunks)
             ) * 1e-9
+        self._report.differences += self._differences()
+        # The hash of the manifest that was recorded stays: a rebuilt file does not vouch for a changed one.
+        sealed = {key: self._sealed[key] for key in self._manifest_hash if key in self._sealed}
         self._writer.write_metadata(
-            SEAL_NAME, {"content_id": self._digest.hexdigest(), **self._manifest_hash}
+            SEAL_NAME, {"content_id": self._digest.hexdigest(), **self._manifest_hash, **sealed}
         )
+
+    def _differences(self) -> list[str]:
+        """What was saved, but is not what was recorded, by the source's seal and the manifest's hashes."""
+        found = []
+        for key, digest in self._manifest_hash.items():
+            if self._sealed.get(key, digest) != digest:
+                found.append(
+                    "the manifest is not the one that was sealed: `analyze` refuses the new file like "
+                    "this source: restore it from a copy"
+                )
+        whole = not self._report.damaged_records and not self._report.skipped_bytes
+        content = self._sealed.get("content_id")
+        if whole and content is not None and content != self._digest.hexdigest():
+            found.append(
+                "the messages are not those that were sealed, though each is whole: some were changed, "
+                "moved, doubled or taken out: restore the file from a copy"
+            )
+        for name, expected in _stated_hashes(self._manifest_json).items():
+            if self._attachment_hashes.get(name, expected) != expected:
+                found.append(
+                    f"attachment {name!r} is not the one that the manifest states: restore it from a copy"
+                )
+        return found
 
     def _data_end(self) -> int:
         """Offset in the damaged file where its data end, without trailing zeros of its last 4096 bytes.
@@ -236,14 +272,19 @@ class _Salvage:
         elif opcode == container.MESSAGE:
             self._copy_chunk(whole)
         elif opcode == container.ATTACHMENT:
+            attachment = container.parse_attachment(body)
+            self._attachment_hashes[attachment.name] = hashlib.sha256(attachment.data).hexdigest()
             self._writer.copy_attachment(whole)
             self._report.attachments += 1
         elif opcode == container.METADATA:
             metadata = container.parse_metadata(body)
             if metadata.name == MANIFEST_NAME:
                 self._report.has_manifest = True
-                self._manifest_hash = {"manifest_sha256": sha256_text(metadata.entries.get("json", ""))}
-            if metadata.name != SEAL_NAME:
+                self._manifest_json = metadata.entries.get("json", "")
+                self._manifest_hash = {"manifest_sha256": sha256_text(self._manifest_json)}
+            if metadata.name == SEAL_NAME:
+                self._sealed = metadata.entries
+            else:
                 self._writer.write_metadata(metadata.name, metadata.entries)
 
     def _declare(self, opcode: int, body: memoryview, whole: memoryview) -> None:
@@ -311,6 +352,15 @@ class _Salvage:
                 except ContainerError:
                     continue
         return len(data)
+
+
+def _stated_hashes(manifest_json: str) -> dict[str, str]:
+    """Hash of each attachment that a manifest states; none, if it cannot be read."""
+    try:
+        stated = json.loads(manifest_json)["hashes"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return {}
+    return {str(name): str(digest) for name, digest in stated.items()} if isinstance(stated, dict) else {}
 
 
 def _verify(path: Path, report: RecoverReport) -> None:

@@ -58,6 +58,53 @@ def test_a_complete_recording_is_recovered_unchanged(tmp_path: Path) -> None:
     assert (report.content_id, report.messages) == (seal.content_id, seal.messages)
 
 
+def test_a_changed_manifest_is_reported_and_stays_detectable(tmp_path: Path) -> None:
+    """A flipped bit in a lens coefficient must not become a valid recording by being rebuilt."""
+    small.write_recording(tmp_path / "a.mcap")
+    whole = (tmp_path / "a.mcap").read_bytes()
+    flipped = bytearray(whole)
+    flipped[whole.index(b'"g_m_s2"') + 12] ^= 1  # 9.81 becomes 9.91
+    (tmp_path / "a.mcap").write_bytes(flipped)
+    for source, out in (("a.mcap", "b.mcap"), ("b.mcap", "c.mcap")):
+        report = recover(tmp_path / source, tmp_path / out)
+        assert report.anything_lost
+        assert "not what was recorded: the manifest is not the one that was sealed" in report.text()
+    with (tmp_path / "c.mcap").open("rb") as file:
+        entries = {each.name: each.metadata for each in make_reader(file).iter_metadata()}
+    with (tmp_path / "a.mcap").open("rb") as file:
+        sealed = {each.name: each.metadata for each in make_reader(file).iter_metadata()}
+    assert entries["percuss.seal"] == sealed["percuss.seal"]
+
+
+def test_messages_that_were_doubled_or_moved_are_reported(tmp_path: Path) -> None:
+    small.write_recording(tmp_path / "a.mcap")
+    whole = (tmp_path / "a.mcap").read_bytes()
+    chunks = [
+        (at, at + container.RECORD_HEAD + len(body))
+        for opcode, at, body in walk(whole, len(container.MAGIC))
+        if opcode == container.CHUNK
+    ]
+    (first, first_end), (second, second_end) = chunks[:2]
+    doubled = whole[:first_end] + whole[first:first_end] + whole[first_end:]
+    moved = whole[:first] + whole[second:second_end] + whole[first_end:second] + whole[first:first_end]
+    for data in (doubled, moved + whole[second_end:]):
+        (tmp_path / "b.mcap").write_bytes(data)
+        report = recover(tmp_path / "b.mcap", tmp_path / "c.mcap", replace=True)
+        assert (report.damaged_records, report.skipped_bytes, report.ended_properly) == (0, 0, True)
+        assert report.anything_lost
+        assert "the messages are not those that were sealed" in report.text()
+
+
+def test_an_attachment_that_the_manifest_does_not_state_is_reported(tmp_path: Path) -> None:
+    """With a right checksum of its own, as one that was exchanged."""
+    with McapWriter(tmp_path / "a.mcap") as writer:
+        small.write_head(writer)
+        writer.attachment("plan.json", "application/json", b"{}")
+        small.write_body(writer)
+    report = recover(tmp_path / "a.mcap", tmp_path / "b.mcap")
+    assert "attachment 'plan.json' is not the one that the manifest states" in report.text()
+
+
 def test_a_cut_between_two_records_is_reported_as_a_loss(tmp_path: Path) -> None:
     """Every record up to the cut is complete; later ones, the strike's record among them, are missing."""
     small.write_recording(tmp_path / "a.mcap")
