@@ -39,8 +39,8 @@ _PRIOR_FRAMES = 5
 """weight of the corners' own sd in the estimate of the noise, as a number of resting frames"""
 _YAW_SD = 0.02
 """prior standard deviation of the object's heading against the plan [rad]"""
-_YAW_TRIALS = 13
-"""headings that are tried before the search about the best of them"""
+_YAW_TRIALS, _YAW_FRAMES = 13, 30
+"""headings that are tried before the search about the best of them, and frames on which they are"""
 _YAW_STEP = 1e-4
 """error of the heading at which its search ends [rad]"""
 _WOBBLE_SD = np.array([np.inf, np.inf, np.inf, 0.15, 0.15, 0.005])
@@ -410,13 +410,21 @@ def _fitted_yaw(views: _Views, pivot: Array, camera: CameraModel) -> float:
         camera: camera with its pose in W.
     """
 
-    def cost(yaw: float) -> float:
+    def cost(yaw: float, seen: _Views = views) -> float:
         """Cost of a trial heading [rad]."""
-        return _cost(_solve(views, pivot, yaw, camera), yaw)
+        return _cost(_solve(seen, pivot, yaw, camera), yaw)
 
     # As wild frames count less, the cost is no parabola, and may have other minima far from the least.
+    some = slice(None, None, max(1, len(views.time_ns) // _YAW_FRAMES))
+    few = replace(
+        views,
+        time_ns=views.time_ns[some],
+        ideal=views.ideal[some],
+        sd=views.sd[some],
+        theta=views.theta[some],
+    )
     trials = np.linspace(-3.0, 3.0, _YAW_TRIALS) * _YAW_SD
-    best = int(np.argmin([cost(float(yaw)) for yaw in trials]))
+    best = int(np.argmin([cost(float(yaw), few) for yaw in trials]))
     low, high = trials[max(best - 1, 0)], trials[min(best + 1, len(trials) - 1)]
     found = fminbound(cost, low, high, xtol=_YAW_STEP)
     return float(np.asarray(found, dtype=np.float64))

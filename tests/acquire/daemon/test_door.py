@@ -19,7 +19,7 @@ from acquire.daemon.client import DaemonClient
 from acquire.daemon.server import ApiServer
 from acquire.errors import DaemonBusy, DaemonError, DaemonSilent
 
-MANY = 2000
+MANY = 1200
 """connections that a flood holds open"""
 PROMPT_S = 0.2
 """longest time that stopping may take"""
@@ -120,7 +120,7 @@ def test_a_server_without_free_files_goes_on_and_says_so(tmp_path, many_files):
     path = tmp_path / "d" / "d.sock"
     with serving(path, files=60):
         with contextlib.ExitStack() as flood:
-            for _ in range(150):
+            for _ in range(90):
                 flood.enter_context(connected(path))
             with DaemonClient(path) as client:
                 status = client.call("status")
