@@ -196,28 +196,37 @@ def test_one_client_at_a_time_sends_a_large_request(server, monkeypatch):
     assert sum("did not end" in each for each in said) == 2
 
 
-def test_a_subscriber_that_does_not_read_is_disconnected(server, monkeypatch):
-    monkeypatch.setattr(connection, "SEND_S", 1.0)
-    listening, path = server
-    with connected(path, b'{"id": 1, "method": "subscribe"}\n') as deaf:
-        deaf.makefile("rb").readline()
-        for _ in range(3 * connection.MAX_EVENTS):
-            listening.publish("state", {"text": "z" * 1000})
-        for _ in range(200):
-            if not listening._clients:
-                return
-            time.sleep(0.02)
-    pytest.fail("the subscriber holds its place")
+def subscribed(path):
+    """A client that the server has accepted as a subscriber."""
+    sock = connected(path, b'{"id": 1, "method": "subscribe"}\n')
+    with sock.makefile("rb") as stream:
+        assert json.loads(stream.readline()) == {"id": 1, "result": {}}
+    return sock
 
 
-def test_a_subscriber_that_left_gives_up_its_place(server):
-    listening, path = server
-    connected(path, b'{"id": 1, "method": "subscribe"}\n').close()
+def assert_place_is_given_up(listening):
     for _ in range(200):
         if not listening._clients:
             return
         time.sleep(0.02)
     pytest.fail("the subscriber holds its place")
+
+
+def test_a_subscriber_that_does_not_read_is_disconnected(server, monkeypatch):
+    monkeypatch.setattr(connection, "SEND_S", 1.0)
+    listening, path = server
+    with subscribed(path):
+        assert listening._clients
+        for _ in range(3 * connection.MAX_EVENTS):
+            listening.publish("state", {"text": "z" * 1000})
+        assert_place_is_given_up(listening)
+
+
+def test_a_subscriber_that_left_gives_up_its_place(server):
+    listening, path = server
+    with subscribed(path):
+        assert listening._clients
+    assert_place_is_given_up(listening)
 
 
 def test_a_full_queue_is_waited_for(tmp_path):
