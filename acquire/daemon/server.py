@@ -174,8 +174,12 @@ class ApiServer:
                 if len(self._clients) < MAX_CLIENTS:
                     arguments = (connection, caller)
                     thread = threading.Thread(target=self._serve, args=arguments, name="api-client")
-                    thread.start()
                     self._clients[connection] = thread
+                    try:
+                        thread.start()
+                    except RuntimeError:
+                        del self._clients[connection]
+                        raise
                     return
             self._admit_urgent(connection, caller)
         except (OSError, RuntimeError):
