@@ -356,7 +356,7 @@ def stop(rig: Path | None, end_daemon: bool) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @_one_line_errors
 def recover(file: Path, output: Path | None, force: bool, as_json: bool) -> None:
-    """Rebuild a recording that was cut short. Exits with 3 if data was damaged or its end is missing."""
+    """Rebuild a recording that was cut short. Exits with 3 if anything is missing, changed or unverified."""
     from acquire.recorder.recover.recover import default_output
     from acquire.recorder.recover.recover import recover as recover_file
 

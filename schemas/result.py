@@ -26,6 +26,7 @@ class WarningCode(enum.Enum):
     """Codes of warnings about a result; the sentence of a warning explains its code."""
 
     RECORDING_INCOMPLETE = "recording_incomplete"
+    RECORDING_RECOVERED = "recording_recovered"
     RECORDINGS_DISAGREE = "recordings_disagree"
     FEW_STRIKES = "few_strikes"
     DIRECTION_UNOBSERVED = "direction_unobserved"

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from pydantic import Field, field_validator, model_validator
 
-from schemas.document import SCHEMA_VERSION, Document, Matrix3, Matrix4, SparseDocument, check_pose
+from schemas.document import (
+    SCHEMA_VERSION,
+    Document,
+    Matrix3,
+    Matrix4,
+    SparseDocument,
+    check_pose,
+    sha256_text,
+)
 from schemas.object_spec import ObjectSpec
 
 FISHEYE_COEFFICIENTS = 4
@@ -197,7 +206,24 @@ class SessionManifest(SparseDocument):
 
 MANIFEST_NAME = "percuss.manifest"
 SEAL_NAME = "percuss.seal"
+RECOVERED_NAME = "percuss.recovered"
 PLAN_ATTACHMENT = "plan.json"
 OBJECT_ATTACHMENT = "object.toml"
 RIG_ATTACHMENT = "rig.toml"
 SHAPE_ATTACHMENT_PREFIX = "shape/"
+
+
+def manifest_entries(text: str) -> dict[str, str]:
+    """Entries of the metadata record that holds a manifest: its JSON text, and the text's hash."""
+    return {"json": text, "sha256": sha256_text(text)}
+
+
+def stated_manifest_hashes(entries: Mapping[str, str], seal: Mapping[str, str]) -> set[str]:
+    """Hashes that a file states of its manifest: beside the text, and in the seal; empty if none is stated.
+
+    Args:
+        entries: entries of the manifest's metadata record.
+        seal: entries of the seal; empty if the file has none.
+    """
+    stated = {entries.get("sha256"), seal.get("manifest_sha256")}
+    return {each for each in stated if each is not None}

@@ -25,7 +25,7 @@ from analyze.reading.truth import read_truth
 from analyze.types import ImageFrame
 from schemas import topics
 from schemas.document import canonical_json
-from schemas.session_manifest import MANIFEST_NAME
+from schemas.session_manifest import MANIFEST_NAME, manifest_entries
 from schemas.strike_result import Verdict
 from tests.mcap_writer import McapWriter
 
@@ -39,7 +39,7 @@ def main(source: Path, target: Path) -> None:
     target.unlink(missing_ok=True)
     with open_recording(source) as recording, McapWriter(target) as writer:
         camera = recording.camera
-        writer.metadata(MANIFEST_NAME, {"json": canonical_json(recording.manifest)})
+        writer.metadata(MANIFEST_NAME, manifest_entries(canonical_json(recording.manifest)))
         for name, data in recording.attachments.items():
             writer.attachment(name, "application/octet-stream", data)
         kept = [r for r in recording.strikes if r.verdict_code == Verdict.GOOD.value]

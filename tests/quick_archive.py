@@ -26,7 +26,7 @@ from schemas import topics
 from schemas.document import canonical_json
 from schemas.object_spec import MarkerSpec, ObjectSpec, object_sha256
 from schemas.proto import percuss_pb2 as pb
-from schemas.session_manifest import MANIFEST_NAME, PLAN_ATTACHMENT, CameraCalibrationSpec
+from schemas.session_manifest import MANIFEST_NAME, PLAN_ATTACHMENT, CameraCalibrationSpec, manifest_entries
 from schemas.strike_plan import PlannedStrike, StrikePlan
 from tests.analyze.estimation.bodies import SIX_AXES, Body, box_body, planned_strike, tip
 from tests.analyze.simulated_session import manifest, object_spec, tipping
@@ -107,7 +107,7 @@ def quick_session(
         }
     )
     with McapWriter(path) as writer:
-        writer.metadata(MANIFEST_NAME, {"json": canonical_json(known)})
+        writer.metadata(MANIFEST_NAME, manifest_entries(canonical_json(known)))
         writer.attachment(PLAN_ATTACHMENT, "application/json", plan)
         _write_strikes(writer, planned, spec, body, lens, rng, _packed if packed else png_message)
         writer.finish()

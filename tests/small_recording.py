@@ -22,6 +22,7 @@ from schemas.session_manifest import (
     ManifestCamera,
     SessionManifest,
     TimeSource,
+    manifest_entries,
 )
 from tests.mcap_writer import McapWriter
 
@@ -78,9 +79,8 @@ def manifest(**changes: object) -> SessionManifest:
 
 def write_head(writer: McapWriter, manifest_json: str | None = None, plan: bytes = PLAN) -> None:
     whole = manifest(hashes={"plan.json": hashlib.sha256(plan).hexdigest()})
-    writer.metadata(
-        MANIFEST_NAME, {"json": canonical_json(whole) if manifest_json is None else manifest_json}
-    )
+    text = canonical_json(whole) if manifest_json is None else manifest_json
+    writer.metadata(MANIFEST_NAME, manifest_entries(text))
     writer.attachment("plan.json", "application/json", plan)
     writer.attachment("shape/box.stl", "model/stl", b"solid")
 

@@ -20,7 +20,7 @@ from acquire.recorder.messages import SmallMessage
 from acquire.recorder.writer import McapWriter
 from schemas.document import canonical_json
 from schemas.rig import RigConfig
-from schemas.session_manifest import MANIFEST_NAME, SessionManifest
+from schemas.session_manifest import MANIFEST_NAME, SessionManifest, manifest_entries
 
 Attachments = list[tuple[str, str, bytes]]
 """files to attach to a recording: (name, media type, content) of each"""
@@ -80,7 +80,7 @@ class OpenRecording:
 
         def write_head(writer: McapWriter, part: int) -> None:
             own = manifest if part == manifest.part else manifest.model_copy(update={"part": part})
-            writer.metadata(MANIFEST_NAME, {"json": canonical_json(own)})
+            writer.metadata(MANIFEST_NAME, manifest_entries(canonical_json(own)))
             for name, media_type, content in attachments:
                 writer.attachment(name, media_type, content, log_time_ns)
 

@@ -27,7 +27,7 @@ from schemas.mcap.content_hash import LARGE_MESSAGE_BYTES, ContentHash
 from schemas.mcap.record_writer import RecordWriter
 from schemas.mcap.records import AttachmentRecord, Buffer
 from schemas.output_file import OutputError, why_taken
-from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME, SessionManifest
+from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME, SessionManifest, manifest_entries
 from schemas.topics import Topic
 
 _QUEUED_WRITES: Final = 3
@@ -111,7 +111,7 @@ class RecordingWriter:
         """
         text = canonical_json(manifest)
         self._manifest_sha256 = sha256_text(text)
-        self._records.write_metadata(MANIFEST_NAME, {"json": text})
+        self._records.write_metadata(MANIFEST_NAME, manifest_entries(text))
         for name, media_type, data in attachments:
             self._records.write_attachment(AttachmentRecord(name, media_type, 0, data))
 

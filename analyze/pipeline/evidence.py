@@ -37,6 +37,8 @@ class RecordingHead:
     """names of the recording's files"""
     missing_files: tuple[int, ...] = ()
     """numbers of files of the series that were not found"""
+    recovery_losses: tuple[str, ...] = ()
+    """what `acquire recover` lost, found changed or could not verify; each a line"""
     rig_toml: str | None = None
     """text of the rig file of the session; None if the recording holds none"""
 

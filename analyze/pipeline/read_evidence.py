@@ -74,6 +74,7 @@ def read_open_head(recording: Recording) -> RecordingHead:
         "" if shape is None else hashlib.sha256(shape).hexdigest(),
         tuple(part.path.name for part in recording.parts),
         recording.missing_parts,
+        recording.recovery_losses,
         None if rig is None else rig.decode(errors="replace"),
     )
 

@@ -12,7 +12,7 @@ from analyze.reading.compressed_video import SCHEMA as VIDEO
 from analyze.reading.image_message import decode_image
 from analyze.reading.indexed_file import RecordedMessage
 from analyze.reading.not_a_recording import not_a_recording
-from analyze.reading.recording_head import parse_manifest, parse_plan, shape_attachment
+from analyze.reading.recording_head import parse_plan, shape_attachment, whole_manifest
 from analyze.types import ImageFrame
 from schemas.mcap import records as container
 from schemas.mcap.chunks import chunk_messages
@@ -128,7 +128,7 @@ class FollowedRecording:
                 except (ContainerError, struct.error) as error:
                     raise RecordingError(f"{self.path}: damaged: {error}") from None
                 if metadata.name == MANIFEST_NAME:
-                    return parse_manifest(metadata.entries.get("json", ""), str(self.path))
+                    return whole_manifest(metadata.entries, str(self.path), {})
         return None
 
     def image(self, message: RecordedMessage) -> ImageFrame:
@@ -258,7 +258,7 @@ class FollowedRecording:
         elif opcode == container.METADATA:
             metadata = container.parse_metadata(body)
             if metadata.name == MANIFEST_NAME:
-                self.manifest = parse_manifest(metadata.entries.get("json", ""), str(self.path))
+                self.manifest = whole_manifest(metadata.entries, str(self.path), {})
         elif opcode == container.ATTACHMENT:
             attachment = container.parse_attachment(body)
             self.attachments[attachment.name] = attachment.data

@@ -19,11 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analyze.errors import RecordingCut, RecordingError, RecordingForeign
+from analyze.reading.index_check import check_entries
 from analyze.reading.not_a_recording import not_a_recording
 from schemas.mcap import records as container
 from schemas.mcap.chunks import chunk_messages, parse_chunk_offsets
 from schemas.mcap.records import AttachmentRecord, ChannelRecord, ContainerError, MessageRecord
-from schemas.mcap.summary import EndsEarly, find_summary
+from schemas.mcap.summary import EndsEarly, find_summary, parse_message_counts
 from schemas.mcap.walk import index_entries_at, record_at, walk, walk_messages
 
 
@@ -83,6 +84,8 @@ class IndexedFile:
     """attached files by name"""
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     """entries of each metadata record, by its name"""
+    message_counts: dict[int, int] = field(default_factory=dict)
+    """number of messages by channel id, from the summary; empty if it states none"""
     damaged_chunks: int = 0
     """number of damaged records, mostly chunks, left out of a file opened by `open_cut`"""
     _indexes: dict[str, TopicIndex] = field(default_factory=dict)
@@ -136,7 +139,11 @@ class IndexedFile:
         """
         with self.damage_as_error():
             messages = self.chunk_messages(int(index.chunk[number]))
-            return container.parse_message(record_at(messages, int(index.offset[number]), container.MESSAGE))
+            body = record_at(messages, int(index.offset[number]), container.MESSAGE)
+            message = container.parse_message(body)
+            if message.log_time_ns != index.time_ns[number]:
+                raise ContainerError("a message index states another time than its message")
+            return message
 
     def chunk_messages(self, number: int) -> memoryview:
         """Bytes of the records in one chunk, decompressed if needed; its checksum (CRC) is verified first.
@@ -180,6 +187,13 @@ class IndexedFile:
             ) from None
 
     def _read_index(self, channel_ids: set[int]) -> TopicIndex:
+        """Positions of the messages of some channels, checked against the messages.
+
+        In a compressed chunk a message is checked when it is read.
+
+        Raises:
+            ContainerError: a chunk or a message index is damaged.
+        """
         entries: list[NDArray[np.uint64]] = []
         chunks: list[NDArray[np.int64]] = []
         for number, chunk in enumerate(self.chunks):
@@ -188,13 +202,48 @@ class IndexedFile:
                 if len(found):
                     entries.append(found)
                     chunks.append(np.full(len(found), number, dtype=np.int64))
+        stated = sum(self.message_counts.get(number, 0) for number in channel_ids)
+        if self.message_counts and stated != sum(map(len, entries)):
+            raise ContainerError("the message indexes do not list as many messages as the summary")
         if not entries:
             empty = np.empty(0, dtype=np.int64)
             return TopicIndex(empty, empty, empty)
         table = np.concatenate(entries).astype(np.int64)
         chunk_numbers = np.concatenate(chunks)
+        self._check_index(chunk_numbers, table, channel_ids)
         order = np.lexsort((table[:, 1], chunk_numbers, table[:, 0]))
         return TopicIndex(table[order, 0], chunk_numbers[order], table[order, 1])
+
+    def _check_index(
+        self, chunk_numbers: NDArray[np.int64], table: NDArray[np.int64], channel_ids: set[int]
+    ) -> None:
+        """Check entries of message indexes against the messages themselves, outside of compressed chunks.
+
+        Args:
+            chunk_numbers: (n,) numbers of the chunks.
+            table: (n, 2) log time [ns] and offset in the chunk [bytes].
+            channel_ids: channels of the topic.
+
+        Raises:
+            ContainerError: a chunk or an entry is damaged.
+        """
+        used, inverse = np.unique(chunk_numbers, return_inverse=True)
+        extents = np.array([self._extent(int(number)) for number in used], dtype=np.int64)[inverse]
+        plain = extents[:, 1] > 0
+        check_entries(self.data, extents[plain], table[plain, 1], table[plain, 0], channel_ids)
+
+    def _extent(self, number: int) -> tuple[int, int]:
+        """Start and end in the file of a chunk's records [bytes]; (0, 0) if they are compressed.
+
+        Raises:
+            ContainerError: the chunk is damaged.
+        """
+        body = record_at(self.data, self.chunks[number].offset, container.CHUNK)
+        chunk = container.parse_chunk(body)
+        if chunk.compression:
+            return 0, 0
+        end = self.chunks[number].offset + container.RECORD_HEAD + len(body)
+        return end - len(chunk.records), end
 
     def _chunk_index(
         self, number: int, index_offsets: dict[int, int] | None, channel_id: int
@@ -338,6 +387,8 @@ def _add_record(file: IndexedFile, opcode: int, body: memoryview) -> None:
     elif opcode == container.METADATA:
         metadata = container.parse_metadata(body)
         file.metadata[metadata.name] = metadata.entries
+    elif opcode == container.STATISTICS:
+        file.message_counts = dict(parse_message_counts(body))
     elif opcode in _INDEXED:
         kind = _INDEXED[opcode]
         if len(body) < 8:

@@ -28,7 +28,7 @@ from schemas import topics
 from schemas.mcap.records import ContainerError
 from schemas.object_spec import ObjectSpec
 from schemas.proto import percuss_pb2 as pb
-from schemas.session_manifest import PLAN_ATTACHMENT, SEAL_NAME, SessionManifest, TimeSource
+from schemas.session_manifest import PLAN_ATTACHMENT, RECOVERED_NAME, SEAL_NAME, SessionManifest, TimeSource
 from schemas.strike_plan import StrikePlan
 
 
@@ -90,6 +90,12 @@ class Recording:
         self.content_id: str | None = series_content_id([part.content_id for part in self.parts])
         """hash of the messages of all files (`series_content_id`); None if a file has no seal"""
         self.damaged_chunks = sum(part.damaged_chunks for part in self.parts)
+        self.recovery_losses: tuple[str, ...] = tuple(
+            line
+            for file in series.files
+            for line in file.metadata.get(RECOVERED_NAME, {}).get("lines", "").splitlines()
+        )
+        """what `acquire recover` lost, found changed or could not verify in the files; each a line"""
 
     # --- head
 

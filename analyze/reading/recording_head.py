@@ -15,8 +15,14 @@ from pydantic import BaseModel, ValidationError
 
 from analyze.errors import RecordingError, RecordingForeign, RecordingVersion
 from analyze.reading.indexed_file import IndexedFile
-from schemas.document import SCHEMA_VERSION, DocumentError, validate
-from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME, SHAPE_ATTACHMENT_PREFIX, SessionManifest
+from schemas.document import SCHEMA_VERSION, DocumentError, sha256_text, validate
+from schemas.session_manifest import (
+    MANIFEST_NAME,
+    SEAL_NAME,
+    SHAPE_ATTACHMENT_PREFIX,
+    SessionManifest,
+    stated_manifest_hashes,
+)
 from schemas.strike_plan import StrikePlan
 
 T = TypeVar("T", bound=BaseModel)
@@ -36,12 +42,7 @@ def checked_manifest(file: IndexedFile) -> SessionManifest:
             f"{file.path}: holds no Percuss manifest: it was not recorded by `acquire`, or ends before its "
             "manifest"
         )
-    manifest = parse_manifest(entries["json"], str(file.path))
-    seal = file.metadata.get(SEAL_NAME, {})
-    if seal.get("manifest_sha256", digest := hashlib.sha256(entries["json"].encode()).hexdigest()) != digest:
-        raise RecordingError(
-            f"{file.path}: damaged: the manifest is not the one that was sealed: restore it from a copy"
-        )
+    manifest = whole_manifest(entries, str(file.path), file.metadata.get(SEAL_NAME, {}))
     for name, expected in manifest.hashes.items():
         attachment = file.attachments.get(name)
         if attachment is not None and hashlib.sha256(attachment.data).hexdigest() != expected:
@@ -52,19 +53,25 @@ def checked_manifest(file: IndexedFile) -> SessionManifest:
     return manifest
 
 
-def parse_manifest(text: str, name: str) -> SessionManifest:
-    """Parse the JSON text of a recording's manifest (description of the session); return the manifest.
+def whole_manifest(entries: Mapping[str, str], name: str, seal: Mapping[str, str]) -> SessionManifest:
+    """Manifest (description of the session) in a metadata record, checked against its stated hashes.
 
     Unknown keys of newer minor schema versions are ignored.
 
     Args:
-        text: manifest as JSON.
+        entries: entries of the metadata record.
         name: name of the recording, for error messages.
+        seal: entries of the file's seal; empty if it has none yet.
 
     Raises:
         RecordingVersion: the manifest has another major schema version.
-        RecordingError: the text is not a manifest.
+        RecordingError: the text is not a manifest, or not the one that was recorded.
     """
+    text = entries.get("json", "")
+    if stated_manifest_hashes(entries, seal) - {sha256_text(text)}:
+        raise RecordingError(
+            f"{name}: damaged: the manifest is not the one that was recorded: restore it from a copy"
+        )
     return _parse(SessionManifest, text, name, "manifest")
 
 

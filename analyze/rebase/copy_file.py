@@ -21,7 +21,7 @@ from schemas.mcap.record_writer import RecordWriter
 from schemas.mcap.records import AttachmentRecord, Buffer, ContainerError
 from schemas.mcap.summary import DATA_END_SIZE, Summary, find_summary, parse_message_counts
 from schemas.mcap.walk import record_at, walk
-from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME
+from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME, manifest_entries
 
 PAGE: Final = 4096
 """size of a page [bytes]: the pixels of a rig's images begin on pages, and stay on them"""
@@ -83,7 +83,7 @@ def copy_with_head(data: memoryview, path: Path, head: Head, fd: int) -> int:
     try:
         contents = _read_contents(data)
         writer.begin()
-        writer.write_metadata(MANIFEST_NAME, {"json": head.manifest_json})
+        writer.write_metadata(MANIFEST_NAME, manifest_entries(head.manifest_json))
         for attachment in head.attachments:
             writer.write_attachment(attachment)
         kept = _copy_ranges(writer, fd, data, contents.ranges)

@@ -86,6 +86,10 @@ def _recording_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
                 f" {which}{missing_files_text(recording.missing_files)}"
             )
             yield warning(WarningCode.RECORDING_INCOMPLETE, text)
+        if recording.recovery_losses:
+            which = f"recording {number}" if several else "the recording"
+            text = f"{which} was rebuilt by `acquire recover`: {'; '.join(recording.recovery_losses)}"
+            yield warning(WarningCode.RECORDING_RECOVERED, text)
     done = planned_strikes(evidence.plan, (motion.plan_strike_id for motion in evidence.motions))
     if done.missing:
         yield warning(WarningCode.RECORDING_INCOMPLETE, done.text())

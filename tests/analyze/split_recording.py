@@ -10,7 +10,7 @@ from analyze.reading.indexed_series import IndexedSeries
 from analyze.reading.recording import open_recording
 from schemas import topics
 from schemas.document import canonical_json
-from schemas.session_manifest import MANIFEST_NAME
+from schemas.session_manifest import MANIFEST_NAME, manifest_entries
 from schemas.topics import TRUTH_PREFIX, Topic
 from tests.mcap_writer import McapWriter
 
@@ -82,7 +82,7 @@ def _write(source: Path, path: Path, span: Span, truth_span: Span, changed: dict
         if (topic.name, topic.schema_name) in {(name, row.schema_of(name)) for name in row.topic_names()}
     ]
     with McapWriter(path) as writer:
-        writer.metadata(MANIFEST_NAME, {"json": canonical_json(manifest.model_copy(update=changed))})
+        writer.metadata(MANIFEST_NAME, manifest_entries(canonical_json(manifest.model_copy(update=changed))))
         for name, data in attachments.items():
             writer.attachment(name, "application/octet-stream", data)
         for topic in (topic for topic in here if not _is_truth(topic)):

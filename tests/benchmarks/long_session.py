@@ -11,7 +11,7 @@ from analyze.reading.recording import Recording, open_recording
 from schemas import topics
 from schemas.document import canonical_json
 from schemas.proto import percuss_pb2 as pb
-from schemas.session_manifest import MANIFEST_NAME
+from schemas.session_manifest import MANIFEST_NAME, manifest_entries
 from tests.mcap_writer import McapWriter
 from tests.places import FIRST_SAMPLE
 
@@ -29,7 +29,7 @@ def make_long_session(path: Path) -> None:
     rng = np.random.default_rng(1)
     noise = np.rint(rng.normal(0.0, _NOISE, (16, 492, 656))).astype(np.int16)
     with open_recording(FIRST_SAMPLE) as sample, McapWriter(path) as writer:
-        writer.metadata(MANIFEST_NAME, {"json": canonical_json(sample.manifest)})
+        writer.metadata(MANIFEST_NAME, manifest_entries(canonical_json(sample.manifest)))
         for name, data in sample.attachments.items():
             writer.attachment(name, "application/octet-stream", data)
         names = (

@@ -17,6 +17,7 @@ from acquire.recorder.recover.rewrite import Rewriter, mapped, read_layout
 from schemas.mcap import records as container
 from schemas.mcap.chunks import MessagePlaces
 from schemas.mcap.content_hash import ContentHash
+from schemas.mcap.records import MessageRecord
 from schemas.mcap.walk import walk
 from schemas.session_manifest import MANIFEST_NAME, SessionManifest
 from schemas.topics import TRUTH_PREFIX, Topic
@@ -86,7 +87,9 @@ def _body(whole: bytes) -> memoryview:
     return memoryview(whole)[container.RECORD_HEAD :]
 
 
-def copy_messages(messages: memoryview, topics: dict[int, str], writer: Rewriter, digest: ContentHash) -> int:
+def copy_messages(
+    messages: memoryview, topics: dict[int, str], writer: Rewriter, digest: ContentHash
+) -> list[MessageRecord]:
     """Copy those messages of an MCAP chunk whose topic is in `topics` to a new file, and hash them.
 
     A chunk of which every record is copied stays one chunk; else the messages are gathered in new chunks.
@@ -98,7 +101,7 @@ def copy_messages(messages: memoryview, topics: dict[int, str], writer: Rewriter
         digest: content hash of the new file, to which the messages are added.
 
     Returns:
-        Number of messages copied.
+        The messages that were copied, in the file's order.
 
     Raises:
         ContainerError: a message is damaged.
@@ -117,9 +120,9 @@ def copy_messages(messages: memoryview, topics: dict[int, str], writer: Rewriter
         for at, message in kept:
             places.setdefault(message.channel_id, []).append((message.log_time_ns, at))
         writer.copy_chunk(messages, places)
-        return len(kept)
+        return [message for _, message in kept]
     for _, message in kept:
         writer.write_message(
             message.channel_id, message.sequence, message.log_time_ns, message.publish_time_ns, message.data
         )
-    return len(kept)
+    return [message for _, message in kept]

@@ -1,7 +1,8 @@
 """Rebuilds a cut or damaged recording from its whole messages, attachments and metadata.
 
 The new file has a new index and a new seal (metadata record with the hashes of messages and manifest). What
-differs from the source's own seal or hashes is reported, and stays detectable in the new file.
+was lost, what differs from the source's own seal or hashes, and what none of them covers is reported, and
+stands in a metadata record of the new file.
 """
 
 from __future__ import annotations
@@ -11,14 +12,14 @@ import json
 import os
 import re
 import struct
-from dataclasses import asdict, dataclass, field
+from collections import Counter
 from pathlib import Path
-from typing import Any
 
 from acquire.errors import RecorderError
 from acquire.frames.page_memory import PAGE_BYTES
 from acquire.recorder import atomic
 from acquire.recorder.recover.edit import copy_messages
+from acquire.recorder.recover.recover_report import RecoverReport
 from acquire.recorder.recover.rewrite import Rewriter, mapped, read_layout, refuse_folder
 from schemas.document import sha256_text
 from schemas.mcap import records as container
@@ -26,75 +27,11 @@ from schemas.mcap.chunks import ChunkEntry, chunk_messages
 from schemas.mcap.content_hash import ContentHash
 from schemas.mcap.records import ContainerError
 from schemas.mcap.walk import walk, walk_chunks
-from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME
+from schemas.session_manifest import MANIFEST_NAME, RECOVERED_NAME, SEAL_NAME, stated_manifest_hashes
 from schemas.wording import counted
 
 _CHUNK_HEAD = re.compile(rb"\x06.{4}\x00{4}.{16}.{4}\x00{4}", re.DOTALL)
 """head of a chunk below 4 GB: opcode, length, two times, size"""
-
-
-@dataclass
-class RecoverReport:
-    """Result of a recovery: numbers of saved messages and attachments, and the extent of the losses."""
-
-    source: Path
-    """the cut or damaged recording"""
-    path: Path
-    """the new recording"""
-    messages: int = 0
-    """number of messages saved"""
-    topics: dict[str, int] = field(default_factory=dict)
-    """number of messages saved, by topic name"""
-    attachments: int = 0
-    """number of attachments saved"""
-    damaged_records: int = 0
-    """records left out because their checksum or their form was wrong"""
-    skipped_bytes: int = 0
-    """bytes that belong to no whole record"""
-    ended_properly: bool = False
-    """True if the source holds its data to their end; otherwise it is unknown how much is missing"""
-    lasts_s: float = 0.0
-    """time from the first saved message to the last, by their log times [s]"""
-    has_manifest: bool = False
-    """True if the manifest (object, hash of the plan, camera and clock of the session) was saved"""
-    content_id: str = ""
-    """hash of the saved messages"""
-    differences: list[str] = field(default_factory=list)
-    """what was saved and is not what was recorded, by the source's own seal and hashes; each a line"""
-
-    @property
-    def anything_lost(self) -> bool:
-        """True if anything is missing: the file holds bytes that could not be saved, or it was cut short."""
-        return self.anything_damaged or not self.ended_properly
-
-    @property
-    def anything_damaged(self) -> bool:
-        """True if the file holds damaged bytes, records or contents; its early end does not count."""
-        return self.damaged_records > 0 or self.skipped_bytes > 0 or bool(self.differences)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Report as a JSON object: all its fields, `anything_damaged` and `anything_lost`; paths as text."""
-        texts = {"source": str(self.source), "path": str(self.path)}
-        losses = {"anything_damaged": self.anything_damaged, "anything_lost": self.anything_lost}
-        return asdict(self) | texts | losses
-
-    def text(self) -> str:
-        """Report in a few lines for the terminal."""
-        topics = f"{counted(len(self.topics), 'topic')}, {counted(self.attachments, 'attachment')}"
-        lines = [f"{self.path}: {counted(self.messages, 'message')} on {topics}"]
-        if not self.has_manifest:
-            lines.append("no manifest: viewers can open the file, `analyze` cannot use it")
-        lines += [f"not what was recorded: {each}" for each in self.differences]
-        if self.damaged_records or self.skipped_bytes:
-            lines.append(
-                f"lost: {counted(self.damaged_records, 'damaged record')}, "
-                f"{counted(self.skipped_bytes, 'byte')} of incomplete records"
-            )
-        if not self.ended_properly:
-            lines.append(
-                f"lost: everything later: the file ends {self.lasts_s:.3f} s after its first message"
-            )
-        return "\n".join(lines)
 
 
 def default_output(path: Path) -> Path:
@@ -163,11 +100,19 @@ class _Salvage:
         self._digest = digest
         self._topics: dict[int, str] = {}
         self._declared: set[bytes] = set()
-        self._manifest_hash: dict[str, str] = {}
-        self._manifest_json = ""
+        self._manifest: dict[str, str] | None = None
+        """entries of the source's manifest"""
         self._attachment_hashes: dict[str, str] = {}
         self._sealed: dict[str, str] = {}
         """entries of the source's seal"""
+        self._earlier: list[str] = []
+        """lines on what an earlier recovery lost"""
+        self._places: dict[int, tuple[int, int]] = {}
+        """sequence number and log time [ns] of each channel's latest message"""
+        self._out_of_order: Counter[str] = Counter()
+        """number of messages that are not later than the one before, by topic"""
+        self._unchecked_messages = 0
+        """number of messages saved without a checksum"""
 
     def run(self) -> None:
         """Copy what is whole in the damaged recording to the new file, then write the seal; fill the report.
@@ -200,30 +145,64 @@ class _Salvage:
             self._report.lasts_s = (
                 max(each.end_ns for each in chunks) - min(each.start_ns for each in chunks)
             ) * 1e-9
-        self._report.differences += self._differences()
-        # The hash of the manifest that was recorded stays: a rebuilt file does not vouch for a changed one.
-        sealed = {key: self._sealed[key] for key in self._manifest_hash if key in self._sealed}
-        self._writer.write_metadata(
-            SEAL_NAME, {"content_id": self._digest.hexdigest(), **self._manifest_hash, **sealed}
-        )
+        self._verify_contents()
+        self._write_marks()
 
-    def _differences(self) -> list[str]:
-        """What was saved, but is not what was recorded, by the source's seal and the manifest's hashes."""
-        found = []
-        for key, digest in self._manifest_hash.items():
-            if self._sealed.get(key, digest) != digest:
-                found.append(
-                    "the manifest is not the one that was sealed: `analyze` refuses the new file like "
-                    "this source: restore it from a copy"
-                )
-        whole = not self._report.damaged_records and not self._report.skipped_bytes
+    def _write_marks(self) -> None:
+        """Write the record of what is lost, if anything is, and the seal.
+
+        The hash of the manifest that was recorded stays: a rebuilt file does not vouch for a changed one.
+
+        Raises:
+            RecorderError: the new file cannot be written.
+        """
+        lines = list(dict.fromkeys([*self._earlier, *self._report.losses()]))
+        if lines:
+            entries = {"source": self._report.source.name, "lines": "\n".join(lines)}
+            self._writer.write_metadata(RECOVERED_NAME, entries)
+        seal = {"content_id": self._digest.hexdigest()}
+        if self._manifest is not None:
+            own = {"manifest_sha256": sha256_text(self._manifest.get("json", ""))}
+            seal |= own | {key: self._sealed[key] for key in own if key in self._sealed}
+        self._writer.write_metadata(SEAL_NAME, seal)
+
+    def _verify_contents(self) -> None:
+        """Compare what was saved with the source's seal and the manifest's hashes; extend the report."""
+        report = self._report
+        report.differences += self._manifest_differences()
+        whole = not report.damaged_records and not report.skipped_bytes
         content = self._sealed.get("content_id")
-        if whole and content is not None and content != self._digest.hexdigest():
-            found.append(
+        if content is not None and content == self._digest.hexdigest():
+            return
+        if whole and content is not None:
+            report.differences.append(
                 "the messages are not those that were sealed, though each is whole: some were changed, "
                 "moved, doubled or taken out: restore the file from a copy"
             )
-        for name, expected in _stated_hashes(self._manifest_json).items():
+        if self._out_of_order:
+            topics = ", ".join(f"{count} on {topic}" for topic, count in sorted(self._out_of_order.items()))
+            report.differences.append(f"messages stand twice or out of their order: {topics}")
+        if self._unchecked_messages:
+            text = f"{counted(self._unchecked_messages, 'message')} without a checksum in the source"
+            report.unverified.append(text)
+
+    def _manifest_differences(self) -> list[str]:
+        """Lines on a manifest or attachments other than those that were recorded, by the stated hashes.
+
+        A manifest without any stated hash is reported as unverified.
+        """
+        if self._manifest is None:
+            return []
+        found, text = [], self._manifest.get("json", "")
+        stated = stated_manifest_hashes(self._manifest, self._sealed)
+        if not stated:
+            self._report.unverified.append("the manifest: the source states no hash of it")
+        if stated - {sha256_text(text)}:
+            found.append(
+                "the manifest is not the one that was recorded: `analyze` refuses the new file like this "
+                "source: restore it from a copy"
+            )
+        for name, expected in _stated_hashes(text).items():
             if self._attachment_hashes.get(name, expected) != expected:
                 found.append(
                     f"attachment {name!r} is not the one that the manifest states: restore it from a copy"
@@ -266,11 +245,12 @@ class _Salvage:
 
     def _copy_record(self, opcode: int, body: memoryview, whole: memoryview) -> None:
         if opcode == container.CHUNK:
-            self._copy_chunk(chunk_messages(container.parse_chunk(body)))
+            chunk = container.parse_chunk(body)
+            self._copy_chunk(chunk_messages(chunk), checked=chunk.crc != 0)
         elif opcode in {container.SCHEMA, container.CHANNEL}:
             self._declare(opcode, body, whole)
         elif opcode == container.MESSAGE:
-            self._copy_chunk(whole)
+            self._copy_chunk(whole, checked=False)
         elif opcode == container.ATTACHMENT:
             attachment = container.parse_attachment(body)
             self._attachment_hashes[attachment.name] = hashlib.sha256(attachment.data).hexdigest()
@@ -280,10 +260,11 @@ class _Salvage:
             metadata = container.parse_metadata(body)
             if metadata.name == MANIFEST_NAME:
                 self._report.has_manifest = True
-                self._manifest_json = metadata.entries.get("json", "")
-                self._manifest_hash = {"manifest_sha256": sha256_text(self._manifest_json)}
+                self._manifest = metadata.entries
             if metadata.name == SEAL_NAME:
                 self._sealed = metadata.entries
+            elif metadata.name == RECOVERED_NAME:
+                self._earlier += metadata.entries.get("lines", "").splitlines()
             else:
                 self._writer.write_metadata(metadata.name, metadata.entries)
 
@@ -297,12 +278,21 @@ class _Salvage:
             self._declared.add(bytes(whole))
             self._writer.copy_declaration(bytes(whole))
 
-    def _copy_chunk(self, messages: memoryview) -> None:
+    def _copy_chunk(self, messages: memoryview, *, checked: bool) -> None:
         # Other programs declare topics inside their chunks.
         for opcode, at, body in walk(messages):
             if opcode in {container.SCHEMA, container.CHANNEL}:
                 self._declare(opcode, body, messages[at : at + container.RECORD_HEAD + len(body)])
-        self._report.messages += copy_messages(messages, self._topics, self._writer, self._digest)
+        copied = copy_messages(messages, self._topics, self._writer, self._digest)
+        self._report.messages += len(copied)
+        if not checked:
+            self._unchecked_messages += len(copied)
+        for message in copied:
+            # Other programs leave all numbers at 0: their times tell.
+            place = (message.sequence, message.log_time_ns)
+            if place <= self._places.get(message.channel_id, (-1, 0)):
+                self._out_of_order[self._topics[message.channel_id]] += 1
+            self._places[message.channel_id] = place
 
     def _salvage_cut_chunk(self, at: int) -> int:
         """Copy the whole messages of an uncompressed MCAP chunk at offset `at` whose end is missing.
@@ -330,7 +320,7 @@ class _Salvage:
                     break
             except ContainerError:
                 break
-            self._copy_chunk(self._data[start : start + length])
+            self._copy_chunk(self._data[start : start + length], checked=False)
             saved = head + found + length
         return saved
 

@@ -94,6 +94,7 @@ def _describe(recording: Recording, general: dict[str, Any], *, complete: bool) 
         "missing_files": list(recording.missing_parts),
         "complete": complete,
         "damaged_chunks": recording.damaged_chunks,
+        "recovery_losses": list(recording.recovery_losses),
         "schema_version": manifest.schema_version,
         "recording_id": manifest.recording_id,
         "content_id": recording.content_id,
@@ -152,6 +153,7 @@ def _health(session: dict[str, Any], *, growing: bool) -> list[str]:
         found.append(f"not here: {missing_files_text(session['missing_files'])}")
     if session["damaged_chunks"]:
         found.append(f"{counted(session['damaged_chunks'], 'damaged chunk', 'is')} left out")
+    found += [f"rebuilt by `acquire recover`: {line}" for line in session["recovery_losses"]]
     for camera in session["cameras"]:
         if camera["lost"]:
             found.append(

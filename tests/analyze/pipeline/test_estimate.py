@@ -122,6 +122,15 @@ def test_warning_names_planned_strikes_that_were_not_made(evidence, estimate):
     assert text == f"10 of 12 planned strikes were struck; missing: {missing}"
 
 
+@pytest.mark.usefixtures("coarse_regions_here")
+def test_warning_says_what_a_recovery_lost(evidence, estimate):
+    assert WarningCode.RECORDING_RECOVERED not in codes(estimate)
+    head = replace(evidence.recordings[0], recovery_losses=("lost: 1 damaged record",))
+    found = answer_evidence(replace(evidence, recordings=(head,)))
+    text = next(each.text for each in found.result.warnings if each.code is WarningCode.RECORDING_RECOVERED)
+    assert text == "the recording was rebuilt by `acquire recover`: lost: 1 damaged record"
+
+
 def test_refusal_of_strikes_that_rolled_aside_says_what_helps(evidence):
     motions = [replace(motion, verdict=Verdict.ROLLED) for motion in evidence.motions[2:]]
     with pytest.raises(EstimationError, match="most rolled aside on the rim: turn its heavy side towards"):

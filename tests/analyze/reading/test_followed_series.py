@@ -16,7 +16,7 @@ from analyze.reading.indexed_file import RecordedMessage
 from analyze.verbs.watch.follow import watch_recording
 from schemas import topics
 from schemas.document import canonical_json
-from schemas.session_manifest import MANIFEST_NAME
+from schemas.session_manifest import MANIFEST_NAME, manifest_entries
 from tests import small_recording
 from tests.analyze.verbs.test_watch import PLAN
 from tests.mcap_writer import McapWriter
@@ -53,7 +53,7 @@ class Row:
             self.path if self.part == 1 else self.path.with_name(f"{self.path.stem}-{self.part:04d}.mcap")
         )
         head = small_recording.manifest(**({"part": self.part, "hashes": {}} | changes))
-        writer.metadata(MANIFEST_NAME, {"json": canonical_json(head)})
+        writer.metadata(MANIFEST_NAME, manifest_entries(canonical_json(head)))
         writer.attachment("plan.json", "application/json", self.plan)
         writer.flush()
         return writer

@@ -24,7 +24,7 @@ from analyze.replay.timelines import Timelines
 from analyze.replay.viewer import ReplayError, native_viewer
 from schemas import topics
 from schemas.document import canonical_json
-from schemas.session_manifest import MANIFEST_NAME
+from schemas.session_manifest import MANIFEST_NAME, manifest_entries
 from tests.analyze.replay.rrd_contents import RrdContents
 from tests.mcap_writer import McapWriter
 from tests.places import FIRST_SAMPLE
@@ -188,7 +188,7 @@ def recorded(tmp_path_factory):
     """The sample with its messages in a recorder's order: each strike record after the strike's images."""
     path = tmp_path_factory.mktemp("recorded") / "session.mcap"
     with open_recording(FIRST_SAMPLE) as recording, McapWriter(path) as writer:
-        writer.metadata(MANIFEST_NAME, {"json": canonical_json(recording.manifest)})
+        writer.metadata(MANIFEST_NAME, manifest_entries(canonical_json(recording.manifest)))
         for name, data in recording.attachments.items():
             writer.attachment(name, "application/octet-stream", data)
         known = {topic.name: topic for topic in TOPICS}

@@ -10,7 +10,11 @@ from mcap.reader import make_reader
 
 from acquire.errors import RecorderError
 from acquire.recorder.recover.recover import recover
+from analyze.errors import RecordingError
+from analyze.reading.recording import open_recording
+from analyze.verbs.inspect.recording import inspect_recording
 from schemas import topics
+from schemas.document import canonical_json
 from schemas.mcap import records as container
 from schemas.mcap.walk import walk
 from tests import small_recording as small
@@ -46,7 +50,8 @@ def test_a_killed_recording(tmp_path: Path) -> None:
     assert report.content_id == small.write_recording(tmp_path / "b.mcap").content_id
     assert _attachments(tmp_path / "a.mcap") == {"plan.json": small.PLAN, "shape/box.stl": b"solid"}
     with (tmp_path / "a.mcap").open("rb") as file:
-        assert [m.name for m in make_reader(file).iter_metadata()] == ["percuss.manifest", "percuss.seal"]
+        names = [m.name for m in make_reader(file).iter_metadata()]
+    assert names == ["percuss.manifest", "percuss.recovered", "percuss.seal"]
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.mcap", "a.mcap.part", "b.mcap"]
 
 
@@ -68,12 +73,66 @@ def test_a_changed_manifest_is_reported_and_stays_detectable(tmp_path: Path) -> 
     for source, out in (("a.mcap", "b.mcap"), ("b.mcap", "c.mcap")):
         report = recover(tmp_path / source, tmp_path / out)
         assert report.anything_lost
-        assert "not what was recorded: the manifest is not the one that was sealed" in report.text()
+        assert "not what was recorded: the manifest is not the one that was recorded" in report.text()
     with (tmp_path / "c.mcap").open("rb") as file:
         entries = {each.name: each.metadata for each in make_reader(file).iter_metadata()}
     with (tmp_path / "a.mcap").open("rb") as file:
         sealed = {each.name: each.metadata for each in make_reader(file).iter_metadata()}
     assert entries["percuss.seal"] == sealed["percuss.seal"]
+
+
+def test_a_changed_manifest_of_a_recording_without_seal_is_reported(tmp_path: Path) -> None:
+    """The hash beside the manifest is all that a killed recording has."""
+    writer = McapWriter(tmp_path / "a.mcap")
+    small.write_head(writer)
+    small.write_body(writer)
+    writer.flush()
+    writer.abort()
+    part = tmp_path / "a.mcap.part"
+    data = bytearray(part.read_bytes())
+    data[data.index(b'"g_m_s2"') + 12] ^= 1
+    part.write_bytes(data)
+    report = recover(part, tmp_path / "b.mcap")
+    assert "not what was recorded: the manifest is not the one that was recorded" in report.text()
+    with pytest.raises(RecordingError, match="damaged: the manifest is not the one that was recorded"):
+        open_recording(tmp_path / "b.mcap")
+
+
+def test_what_no_hash_covers_is_marked(tmp_path: Path) -> None:
+    """Nobody can say of an older killed recording whether its manifest is the one that was written."""
+    writer = McapWriter(tmp_path / "a.mcap")
+    writer.metadata("percuss.manifest", {"json": canonical_json(small.manifest(hashes={}))})
+    small.write_body(writer)
+    writer.flush()
+    writer.abort()
+    report = recover(tmp_path / "a.mcap.part", tmp_path / "b.mcap")
+    assert report.unverified == ["the manifest: the source states no hash of it"]
+    with open_recording(tmp_path / "b.mcap") as recording:
+        assert recording.recovery_losses == tuple(report.losses())
+    assert (
+        "rebuilt by `acquire recover`: cannot be verified: the manifest: the source states no hash of it"
+        in (inspect_recording(tmp_path / "b.mcap")["health"])
+    )
+    # Recovered once more, the file is whole, and still says so.
+    again = recover(tmp_path / "b.mcap", tmp_path / "c.mcap")
+    assert not again.anything_lost
+    with open_recording(tmp_path / "c.mcap") as recording:
+        assert recording.recovery_losses == tuple(report.losses())
+
+
+def test_a_doubled_chunk_of_a_recording_without_seal_is_reported(tmp_path: Path) -> None:
+    small.write_recording(tmp_path / "a.mcap")
+    whole = (tmp_path / "a.mcap").read_bytes()
+    records = list(walk(whole, len(container.MAGIC)))
+    start, end = next(
+        (at, at + container.RECORD_HEAD + len(body)) for op, at, body in records if op == container.CHUNK
+    )
+    seal = max(at for op, at, _ in records if op == container.METADATA)
+    (tmp_path / "b.mcap").write_bytes(whole[:end] + whole[start:seal])
+    report = recover(tmp_path / "b.mcap", tmp_path / "c.mcap")
+    assert any("stand twice or out of their order" in line for line in report.differences)
+    (tmp_path / "b.mcap").write_bytes(whole[:seal])
+    assert not recover(tmp_path / "b.mcap", tmp_path / "c.mcap", replace=True).anything_damaged
 
 
 def test_messages_that_were_doubled_or_moved_are_reported(tmp_path: Path) -> None:
