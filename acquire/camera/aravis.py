@@ -11,7 +11,9 @@ from acquire.camera.base import Camera, CameraInfo
 from acquire.camera.discovery import identify_camera, wait_for_control
 from acquire.camera.frame_loss import FrameLoss
 from acquire.camera.receive_buffer import enlarge_receive_buffer
+from acquire.camera.sender_filter import ForeignPackets, SenderFilter
 from acquire.camera.settings import write_settings
+from acquire.camera.stream_socket import find_udp_socket
 from acquire.clock.reading import ClockReading
 from acquire.errors import CameraError, CameraLost, CameraNotFound
 from acquire.frames.buffer_pool import BufferPool
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
 
 _LATCH, _LATCH_HIGH, _LATCH_LOW, _TICKS_HIGH, _TICKS_LOW = 0x944, 0x948, 0x94C, 0x93C, 0x940
 """bootstrap registers: timestamp control, latched value, tick frequency"""
+_SOURCE_PORT = 0xD1C
+"""bootstrap register: UDP port from which images are sent; 0 where it is not supported"""
 _LATCH_NOW = 2
 _POP_TIMEOUT_US = 100_000
 _ARAVIS_RETENTION_US, _LONGEST_RETENTION_US = 100_000, 1_000_000
@@ -75,6 +79,8 @@ class AravisCamera(Camera):
         self.incomplete_frames = 0
         """frames that arrived with packets missing; they are counted as lost too"""
         self._warnings: list[str] = []
+        self._senders: SenderFilter | None = None
+        self._size = (0, 0)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -165,6 +171,7 @@ class AravisCamera(Camera):
                 serial=camera.get_device_serial_number(),
                 address=address,
             )
+            self._size = camera.get_region()[2:]
             self._connection = self._connect_stream(camera, device, handler)
         except (GLib.Error, CameraError) as error:
             self._close_in_background(Connection(camera, device, None, handler, [], None))
@@ -226,6 +233,25 @@ class AravisCamera(Camera):
             if frame is not None:
                 return frame
             connection.stream.push_buffer(buffer)
+
+    def take_foreign_packets(self) -> ForeignPackets:
+        """Packets of other senders at the camera's image port since the last call; none of them is used.
+
+        If they come from the camera's own address while no frame has arrived, the camera states a wrong port
+        (some do, Aravis 6c2894e10): then packets are checked by their address alone, and a warning is added.
+        """
+        senders = self._senders
+        if senders is None:
+            return ForeignPackets()
+        found = senders.take_foreign_packets()
+        if found.sender is None or self._sequence or not senders.port or found.sender[0] != senders.address:
+            return found
+        self._warnings.append(
+            f"camera {senders.address} sends images from UDP port {found.sender[1]}, "
+            f"but reports {senders.port}: packets are checked by their address alone"
+        )
+        senders.accept_any_port()
+        return ForeignPackets()
 
     def latch_clock(self) -> ClockReading | None:
         """Read the camera's clock now: latch it (store its present value) and read the stored value.
@@ -292,6 +318,8 @@ class AravisCamera(Camera):
         if connection is not None:
             if connection.memory is not None:
                 connection.memory.close()
+            if self._senders is not None:
+                self._senders.close()
             self._close_in_background(connection)
 
     def _opened(self) -> Connection:
@@ -331,6 +359,9 @@ class AravisCamera(Camera):
             self.incomplete_frames += 1
             return None
         width, height = buffer.get_image_width(), buffer.get_image_height()
+        if (width, height) != self._size:  # of another stream, or forged: the buffer may be smaller
+            self.incomplete_frames += 1
+            return None
         frame_id, device_time_ns = buffer.get_frame_id(), buffer.get_timestamp()
         if device_time_ns < self._exposed_after_ns:
             return None
@@ -385,13 +416,7 @@ class AravisCamera(Camera):
         stream.set_property("frame-retention", self._retention_us())
         # 0 leaves the socket's buffer alone: else Aravis sets it again with every frame (Aravis #994).
         stream.set_property("socket-buffer-size", 0)
-        wanted_bytes = self._config.receive_buffer_bytes
-        self.receive_buffer_bytes = enlarge_receive_buffer(stream.get_port(), wanted_bytes)
-        if self.receive_buffer_bytes < wanted_bytes:
-            self._warnings.append(
-                f"the socket's receive buffer is {self.receive_buffer_bytes} B instead of {wanted_bytes} B: "
-                f"frames may be lost; try sysctl -w net.core.rmem_max={wanted_bytes}"
-            )
+        self._prepare_socket(stream.get_port(), device)
         buffers: list[Any] = []
         try:
             memory = BufferPool(
@@ -411,6 +436,39 @@ class AravisCamera(Camera):
         for buffer in buffers[: memory.circulating]:
             stream.push_buffer(buffer)
         return Connection(camera, device, stream, handler, buffers, memory)
+
+    def _prepare_socket(self, port: int, device: Any) -> None:
+        """Enlarge the receive buffer of the stream's socket, and close it to all senders but the camera.
+
+        Call it before the stream has buffers: packets that arrived before then become no frame.
+
+        Args:
+            port: UDP port of the stream's socket.
+            device: Aravis.Device of the camera.
+
+        Raises:
+            CameraError: the socket is not found, or the kernel refuses.
+        """
+        _, GLib = aravis_and_glib()
+        try:
+            source_port = device.read_register(_SOURCE_PORT) & 0xFFFF
+        except GLib.Error:
+            source_port = 0
+        wanted_bytes, address = self._config.receive_buffer_bytes, self._config.address
+        with find_udp_socket(port) as stream:
+            self.receive_buffer_bytes = enlarge_receive_buffer(stream, wanted_bytes)
+            try:
+                self._senders = SenderFilter(stream, address, source_port)
+            except OSError as error:
+                raise CameraError(
+                    f"camera {address}: the image stream cannot be closed to other senders ({error}): "
+                    "try again"
+                ) from None
+        if self.receive_buffer_bytes < wanted_bytes:
+            self._warnings.append(
+                f"the socket's receive buffer is {self.receive_buffer_bytes} B instead of {wanted_bytes} B: "
+                f"frames may be lost; try sysctl -w net.core.rmem_max={wanted_bytes}"
+            )
 
     def _retention_us(self) -> int:
         """Frame retention time [us]: how long an incomplete frame waits for resent packets.

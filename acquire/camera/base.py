@@ -9,6 +9,8 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from acquire.camera.sender_filter import ForeignPackets
+
 if TYPE_CHECKING:
     from acquire.clock.reading import ClockReading
     from acquire.frames.frame import Frame
@@ -45,6 +47,13 @@ class Camera(ABC):
         If it is above 0, every image begins at the boundary of a memory page.
         """
         return 0
+
+    def take_foreign_packets(self) -> ForeignPackets:
+        """Packets of other senders at the camera's image port since the last call; none of them is used.
+
+        The thread that reads the frames calls it.
+        """
+        return ForeignPackets()
 
     @abstractmethod
     def open(self) -> CameraInfo:

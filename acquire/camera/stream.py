@@ -39,6 +39,10 @@ QUICK_RATIO: Final = 1.3
 """round trip of a quick latch, as a multiple of the shortest"""
 LOSS_REPORT_NS: Final = 1_000_000_000
 """shortest time between two reports of lost frames [ns]"""
+FOREIGN_READ_NS: Final = 200_000_000
+"""shortest time between two readings of the count of packets that are not the camera's [ns]"""
+FOREIGN_REPORT_NS: Final = 60_000_000_000
+"""shortest time between two reports of packets that are not the camera's [ns]"""
 RETRY_S: Final = 0.5
 """interval between attempts to reconnect a lost camera [s]"""
 READ_TIMEOUT_S: Final = 0.1
@@ -47,7 +51,7 @@ READ_TIMEOUT_S: Final = 0.1
 
 @dataclass(frozen=True)
 class StreamStatus:
-    """State of a camera and its stream: connection, frames read and lost, frame rate, warnings."""
+    """State of a camera and its stream: connection, frames read and lost, foreign packets, rate, warnings."""
 
     connected: bool
     """True if the camera is open and streams"""
@@ -55,6 +59,8 @@ class StreamStatus:
     """number of frames read since the start"""
     lost: int
     """number of frames lost since the start"""
+    foreign_packets: int
+    """number of packets of other senders at the camera's image port since the start; none was used"""
     fps: float
     """frame rate [Hz] over about the last second of frames; 0 with fewer than two"""
     last_frame_ns: int | None
@@ -83,7 +89,8 @@ class CameraStream:
             it calls `frame.buffer.borrow()`; a buffer that is not borrowed is released when the call returns.
         on_clock: called on the clock thread with every reading of the camera's clock.
         on_text: called on the frame thread with a line when the camera is lost or back, with its warnings
-            after a return, and for lost frames (collected, once a second).
+            after a return, for lost frames (collected, once a second), and for packets of other senders
+            (once a minute).
     """
 
     def __init__(
@@ -112,6 +119,8 @@ class CameraStream:
         self._sequence = 0
         self._lost = self._lost_reported = 0
         self._reported_ns = 0
+        self._foreign = self._foreign_reported = 0
+        self._foreign_read_ns, self._foreign_reported_ns = 0, -FOREIGN_REPORT_NS
         self._trouble = ""
         self._warnings: tuple[str, ...] = ()
         self._recent: deque[int] = deque(maxlen=round(config.frame_rate_hz) + 1)
@@ -168,6 +177,7 @@ class CameraStream:
             connected=self._connected,
             frames=self._sequence,
             lost=self._lost,
+            foreign_packets=self._foreign,
             fps=(len(recent) - 1) * 1e9 / span if span else 0.0,
             last_frame_ns=self._arrived_ns,
             receive_buffer_bytes=int(getattr(self._camera, "receive_buffer_bytes", 0)),
@@ -244,6 +254,7 @@ class CameraStream:
                 and self._clock.monotonic_ns() > self._reported_ns + LOSS_REPORT_NS
             ):
                 self._report_losses()
+            self._count_foreign_packets(camera)
             if frame is None:
                 continue
             try:
@@ -257,6 +268,29 @@ class CameraStream:
         if lost := self._lost - self._lost_reported:
             self._on_text(f"{counted(lost, 'frame')} lost before frame {self._sequence}, {self._lost} in all")
             self._lost_reported, self._reported_ns = self._lost, self._clock.monotonic_ns()
+
+    def _count_foreign_packets(self, camera: Camera) -> None:
+        """Add up the packets of other senders, five times a second, and report them once a minute."""
+        now_ns = self._clock.monotonic_ns()
+        if now_ns < self._foreign_read_ns + FOREIGN_READ_NS:
+            return
+        self._foreign_read_ns = now_ns
+        found = camera.take_foreign_packets()
+        self._foreign += found.count
+        for warning in camera.warnings[len(self._warnings) :]:
+            self._on_text(warning)
+        self._warnings = camera.warnings
+        if (
+            self._foreign > self._foreign_reported
+            and found.sender is not None
+            and now_ns >= self._foreign_reported_ns + FOREIGN_REPORT_NS
+        ):
+            address, port = found.sender
+            self._on_text(
+                f"{counted(self._foreign, 'packet')} at the camera's image port came from {address}:{port}, "
+                "not from the camera: not used; give the camera a network interface of its own"
+            )
+            self._foreign_reported, self._foreign_reported_ns = self._foreign, now_ns
 
     def _mapped(self, frame: Frame, *, first: bool) -> Frame:
         """Copy of a frame with host time of mid-exposure [ns], sequence number and lost frames added.

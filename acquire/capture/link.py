@@ -41,6 +41,8 @@ class CaptureStatus:
     """frames since the capture process started"""
     lost: int
     """frames lost on the way from the camera, since then"""
+    foreign_packets: int
+    """packets from other senders at the camera's image port, since then; none of them was used"""
     dropped: int
     """images dropped because of a slow disk, in this recording"""
     waiting_bytes: int

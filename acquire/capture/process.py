@@ -212,6 +212,7 @@ class Capture:
         return {
             "frames": status.frames,
             "lost": status.lost,
+            "foreign_packets": status.foreign_packets,
             "dropped": recording.frames.dropped if recording is not None else 0,
             "waiting_bytes": recording.waiting_bytes if recording is not None else 0,
             "fps": status.fps,

@@ -317,6 +317,7 @@ class Daemon:
         numbers = (
             "frames",
             "lost",
+            "foreign_packets",
             "dropped",
             "waiting_bytes",
             "fps",

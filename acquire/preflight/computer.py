@@ -144,7 +144,7 @@ class Computer:
         """
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             probe.bind(("127.0.0.1", 0))
-            got = enlarge_receive_buffer(probe.getsockname()[1], asked_bytes)
+            got = enlarge_receive_buffer(probe, asked_bytes)
         try:
             rmem_max = int((self._proc / "sys/net/core/rmem_max").read_text(encoding="ascii"))
         except (OSError, ValueError):

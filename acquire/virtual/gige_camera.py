@@ -52,6 +52,7 @@ _SENSOR_WIDTH, _SENSOR_HEIGHT, _WIDTH, _HEIGHT = 0x11C, 0x118, 0x100, 0x104
 _EXPOSURE_US, _FRAME_PERIOD, _GAIN = 0x120, 0x138, 0x110
 _OFFSET_X, _OFFSET_Y, _ACQUISITION, _PRIVILEGE = 0x130, 0x134, 0x124, 0xA00
 _VENDOR, _MODEL, _OWN_ADDRESS, _CAPABILITY, _RESEND_BIT = 0x48, 0x68, 0x24, 0x934, 4
+_SOURCE_PORT = 0xD1C
 # Not "Prosilica": Aravis takes vendor-specific code paths for that name.
 VENDOR, MODEL = "Allied Vision Technologies", "GUPPY-SIM GE656"
 
@@ -157,12 +158,14 @@ class VirtualGigeCamera:
         self._library = aravis_ctypes.load()
         control = claim_control_port(address, clock)
         try:
-            self._gv_fake, inner = self._make_fake(serial)
+            self._gv_fake, inner, source_port = self._make_fake(serial)
         except BaseException:
             control.close()
             raise
         self._fake: int = self._library.gv_fake_get_fake(self._gv_fake)
-        self._write_registers(packet_loss)
+        losses = random.Random(seed)  # noqa: S311 - not a secret
+        self._stream = StreamRelay(packet_loss, losses, address) if packet_loss > 0 else None
+        self._write_registers(packet_loss, source_port if self._stream is None else self._stream.source_port)
         self._relay = ControlRelay(
             control,
             inner,
@@ -172,8 +175,6 @@ class VirtualGigeCamera:
             self._on_claim,
             has_pulses=pulses_hz > 0.0,
         )
-        losses = random.Random(seed)  # noqa: S311 - not a secret
-        self._stream = StreamRelay(packet_loss, losses) if packet_loss > 0 else None
         self._fill_pattern = aravis_ctypes.FILL_PATTERN(self._fill)
         self._library.fake_set_fill_pattern(self._fake, self._fill_pattern, None)
         self._renderer = threading.Thread(target=self._render, name="gige-render")
@@ -215,7 +216,7 @@ class VirtualGigeCamera:
         if self._stream is not None:
             self._stream.close()
 
-    def _make_fake(self, serial: str) -> tuple[int, socket.socket]:
+    def _make_fake(self, serial: str) -> tuple[int, socket.socket, int]:
         # The fake is always created on 127.0.0.1 and its sockets are swapped afterwards. While the port there
         # is kept busy the fake does not use it, so that a camera at another address never disturbs the one at
         # 127.0.0.1.
@@ -227,7 +228,7 @@ class VirtualGigeCamera:
             before = descriptors()
             gv_fake = self._library.gv_fake_new_full(LOOPBACK.encode(), serial.encode(), None)
             try:
-                return gv_fake, adopt_fake_sockets(before, self._address)
+                return gv_fake, *adopt_fake_sockets(before, self._address)
             except CameraError:
                 self._library.object_unref(gv_fake)
                 raise
@@ -235,7 +236,7 @@ class VirtualGigeCamera:
             if guard is not None:
                 guard.close()
 
-    def _write_registers(self, packet_loss: float) -> None:
+    def _write_registers(self, packet_loss: float, source_port: int) -> None:
         write = self._library.write_register
         for register, value in (
             (_SENSOR_WIDTH, SENSOR_WIDTH),
@@ -246,6 +247,7 @@ class VirtualGigeCamera:
             # callback; with a longer one it would spin during the last millisecond of each wait.
             (_FRAME_PERIOD, 1),
             (_OWN_ADDRESS, int.from_bytes(socket.inet_aton(self._address))),
+            (_SOURCE_PORT, source_port),
         ):
             write(self._fake, register, value)
         if packet_loss > 0:

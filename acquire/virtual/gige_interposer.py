@@ -243,9 +243,13 @@ class StreamRelay:
     Args:
         packet_loss: probability that a packet is dropped, 0 to 1.
         rng: generator of the losses.
+        address: IP address of the camera, from which the packets are sent.
+
+    Raises:
+        OSError: the address is not one of this host.
     """
 
-    def __init__(self, packet_loss: float, rng: random.Random) -> None:
+    def __init__(self, packet_loss: float, rng: random.Random, address: str) -> None:
         self._loss, self._rng = packet_loss, rng
         self._socket = udp_socket(LOOPBACK)
         self._socket.setblocking(True)
@@ -255,6 +259,10 @@ class StreamRelay:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 16 << 20)
         self.port: int = self._socket.getsockname()[1]
         """UDP port on loopback to which the fake camera sends the stream"""
+        self._output = udp_socket(address)
+        self._output.setblocking(True)
+        self.source_port: int = self._output.getsockname()[1]
+        """UDP port at the camera's address from which the stream is sent"""
         self.counts: Counter[str] = Counter()
         """numbers of packets sent, dropped, resent and resend_missed (requested again, but no longer kept)"""
         self._destination: Address | None = None
@@ -282,7 +290,7 @@ class StreamRelay:
             packet = None if frame is None else frame.get(index)
             self.counts["resend_missed" if packet is None else "resent"] += 1
             if packet is not None and self._destination is not None:
-                self._socket.sendto(packet, self._destination)
+                self._output.sendto(packet, self._destination)
 
     def close(self) -> None:
         """Stop the relay's thread and close its socket."""
@@ -290,6 +298,7 @@ class StreamRelay:
             waker.sendto(b"", (LOOPBACK, self.port))
         self._thread.join()
         self._socket.close()
+        self._output.close()
 
     def _run(self) -> None:
         while packet := self._socket.recv(65536):
@@ -304,5 +313,5 @@ class StreamRelay:
             if self._rng.random() < self._loss:
                 self.counts["dropped"] += 1
             elif self._destination is not None:
-                self._socket.sendto(packet, self._destination)
+                self._output.sendto(packet, self._destination)
                 self.counts["sent"] += 1

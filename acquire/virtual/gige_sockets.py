@@ -76,52 +76,71 @@ def free_address() -> str:
     return LOOPBACK
 
 
-def adopt_fake_sockets(descriptors_before: set[int], address: str) -> socket.socket:
-    """Replace the control sockets of Aravis's fake camera by a private loopback socket, and return that.
+def adopt_fake_sockets(descriptors_before: set[int], address: str) -> tuple[socket.socket, int]:
+    """Replace the sockets of Aravis's fake camera: control by a private one, images by one at `address`.
 
-    The fake listens only at the address of a network interface; most loopback addresses, such as 127.0.0.21,
-    belong to none.
-    `dup2` swaps the file behind the descriptor that the fake's thread polls. If the fake has several sockets,
-    the others are replaced by sockets that never receive anything.
+    The fake listens and sends only at the address of a network interface; most loopback addresses, such as
+    127.0.0.21, belong to none.
+    `dup2` swaps the file behind the descriptor that the fake's thread uses. If the fake has several control
+    sockets, the others are replaced by sockets that never receive anything.
 
     Args:
         descriptors_before: file descriptors that were open before the fake was made.
-        address: IP address of the camera, for the error message.
+        address: IP address of the camera.
+
+    Returns:
+        The private control socket on loopback, and the UDP port from which the fake now sends images.
 
     Raises:
-        CameraError: the fake opened no control socket.
+        CameraError: the fake opened no control socket, or none for images.
     """
+    opened = descriptors() - descriptors_before
     inner = udp_socket(LOOPBACK)
-    adopted = False
-    for descriptor in descriptors() - descriptors_before:
-        if not _is_control_socket(descriptor):
+    adopted, source_port = False, 0
+    for descriptor in opened:
+        port = _udp_port(descriptor)
+        if port == 0:
             continue
-        if adopted:
+        if port != GVCP_PORT:
+            with udp_socket(address) as images:
+                os.dup2(images.fileno(), descriptor)
+                source_port = images.getsockname()[1]
+        elif adopted:
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
                 silent.setblocking(False)
                 os.dup2(silent.fileno(), descriptor)
         else:
             os.dup2(inner.fileno(), descriptor)
             adopted = True
-    if not adopted:
+    if not adopted or not source_port:
         inner.close()
         raise CameraError(
-            f"virtual camera at {address}: Aravis's fake camera opened no control socket; "
-            "check that the loopback interface is up"
+            f"virtual camera at {address}: Aravis's fake camera opened no socket for "
+            f"{'images' if adopted else 'control'}; check that the loopback interface is up"
         )
-    return inner
+    return inner, source_port
 
 
 def descriptors() -> set[int]:
     """Numbers of the open file descriptors of this process."""
     names = os.listdir("/proc/self/fd")  # noqa: PTH208 - descriptors vanish while iterdir stats them
-    return {int(name) for name in names}
+    return {int(name) for name in names if _is_open(int(name))}
 
 
-def _is_control_socket(descriptor: int) -> bool:
+def _is_open(descriptor: int) -> bool:
+    """True if a file descriptor is open. The one that listed the descriptors is closed by now."""
+    try:
+        os.fstat(descriptor)
+    except OSError:
+        return False
+    return True
+
+
+def _udp_port(descriptor: int) -> int:
+    """Local port of an IPv4 UDP socket by its file descriptor; 0 if it is none, or closed by now."""
     with contextlib.suppress(OSError):
         if os.readlink(f"/proc/self/fd/{descriptor}").startswith("socket:"):  # noqa: PTH115 - not a path
             with socket.socket(fileno=os.dup(descriptor)) as probe:
-                is_udp = probe.family == socket.AF_INET and probe.type == socket.SOCK_DGRAM
-                return is_udp and probe.getsockname()[1] == GVCP_PORT
-    return False
+                if probe.family == socket.AF_INET and probe.type == socket.SOCK_DGRAM:
+                    return probe.getsockname()[1]
+    return 0
