@@ -184,6 +184,10 @@ WORLD_SESSIONS ?=
 bench-world-sessions: setup  ## whole sessions of objects of the world on mesh-accurate bodies: error of c, intervals that hold (WORLD_SESSIONS="--shapes mug --kinds scan") (ten minutes)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.world_sessions $(WORLD_SESSIONS)
 
+ATTACK ?=
+attack: setup  ## damaged files through every command, rubbish to a daemon, kills in sessions: tries and failures (ATTACK="--minutes 60") (three minutes)
+	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.attack $(ATTACK)
+
 ARCHIVED ?= 200
 bench-batch: setup  ## a run over an archive of ARCHIVED=200 sessions and 20 broken files: workers, kills, S3, cost (fifteen minutes)
 	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.archive measure --sessions $(ARCHIVED)

@@ -28,11 +28,14 @@ def video_stream(container: InputContainer, path: Path) -> av.VideoStream:
     """First video stream of a file that FFmpeg has opened.
 
     Raises:
-        ImportRefused: the file has no video stream.
+        ImportRefused: the file has no video stream, or one in an unknown codec.
     """
     if not container.streams.video:
         raise ImportRefused(f"{path}: contains no video: name a file that does")
-    return container.streams.video[0]
+    stream = container.streams.video[0]
+    if stream.codec_context is None:  # FFmpeg has no decoder for it, whatever the type's declaration says
+        raise ImportRefused(f"{path}: its video is in no known codec, or its head is damaged: copy it again")
+    return stream
 
 
 def capture_rate_hz(container: InputContainer) -> float | None:

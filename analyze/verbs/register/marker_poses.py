@@ -364,9 +364,13 @@ def _object_toml(head: RecordingHead, options: RegisterOptions) -> str:
 
     Raises:
         DocumentError: the object file that the options name cannot be used.
+        CalibrationError: the options name none, and the recording holds none.
     """
     if options.object_path is not None:
         read_object_spec(options.object_path)
         return options.object_path.read_text(encoding="utf-8")
     with open_recording(head.path) as recording:
-        return recording.attachments[OBJECT_ATTACHMENT].decode()
+        attached = recording.attachments.get(OBJECT_ATTACHMENT)
+    if attached is None:
+        raise CalibrationError(f"{head.path}: holds no {OBJECT_ATTACHMENT}: give it with --object")
+    return attached.decode(errors="replace")
