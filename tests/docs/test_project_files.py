@@ -13,13 +13,53 @@ from tests.places import ROOT
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
+LOCK = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+INSTALLERS = [
+    ROOT / "Makefile",
+    ROOT / ".ci" / "install-uv",
+    *(ROOT / "containers").glob("*.Containerfile"),
+    *(ROOT / ".github" / "workflows").glob("*.yml"),
+]
+
+
 def test_pre_commit_runs_the_locked_ruff():
-    locked = re.search(
-        r"^ruff==([\d.]+)", (ROOT / "requirements.lock").read_text(encoding="utf-8"), re.MULTILINE
-    )
     (hooks,) = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))["repos"]
-    assert locked is not None
-    assert hooks["rev"] == f"v{locked[1]}"
+    assert hooks["repo"] == "local"
+    assert {hook["entry"].split()[0] for hook in hooks["hooks"]} == {".venv/bin/ruff"}
+
+
+def test_everything_is_installed_with_hashes():
+    """pip and uv check hashes where the lock gives them: for packages, for what builds them, and for uv."""
+    checked = [
+        "--require-hashes -r",
+        "--require-hashes --build-constraints requirements.lock requirements.lock",
+        "--constraints requirements.lock --build-constraints requirements.lock",
+        "--no-deps --no-build-isolation -e .",  # nothing is downloaded
+    ]
+    found = []
+    for path in INSTALLERS:
+        text = re.sub(r"\\\n|\n {10,}", " ", path.read_text(encoding="utf-8"))
+        lines = [line for line in text.splitlines() if re.search(r"\b(pip|uv) (pip )?(install|sync)\b", line)]
+        found += [(path.name, re.sub(r"\s+", " ", line)) for line in lines]
+    assert len(found) == 6
+    assert not [each for each in found if not any(options in each[1] for options in checked)]
+
+
+def test_the_lock_has_uv_and_what_source_archives_are_built_with():
+    """PyGObject and pycairo have no wheels for Linux: meson-python and its dependencies build them."""
+    pinned = dict(re.findall(r"^([\w.-]+)==(\S+) \\\n    --hash=sha256:[0-9a-f]{64}", LOCK, re.MULTILINE))
+    assert len(pinned) == len(re.findall(r"^[\w.-]+==", LOCK, re.MULTILINE))
+    assert {"uv", "meson-python", "meson", "ninja", "pyproject-metadata", "packaging", "pycairo"} <= set(
+        pinned
+    )
+    assert {"hatchling", "pathspec", "pluggy", "trove-classifiers"} <= set(pinned)
+
+
+def test_actions_of_the_workflow_are_pinned_by_commit():
+    workflow = (ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8")
+    used = re.findall(r"uses: (\S+)", workflow)
+    assert used
+    assert not [action for action in used if not re.fullmatch(r"[\w/-]+@[0-9a-f]{40}", action)]
 
 
 def test_the_workflow_runs_the_gates_and_names_tests_that_exist():
