@@ -18,6 +18,8 @@ from acquire.errors import DaemonBusy, DaemonError, DaemonNotRunning, DaemonSile
 PATIENCE_S = 6.0
 """silence after which the daemon counts as hung [s]: six busy reports, so that a slow computer may delay
 them"""
+_RETRY_S = 0.001
+"""pause before the next try to connect, while the queue of waiting connections is full [s]"""
 
 
 class DaemonClient:
@@ -187,7 +189,7 @@ def _connect(sock: socket.socket, path: Path, patience_s: float) -> None:
         except BlockingIOError:  # at once: unix sockets do not wait for a place in the queue
             if time.monotonic() > end_s:
                 raise TimeoutError from None
-            time.sleep(0.01)
+            time.sleep(_RETRY_S)
         else:
             return
 

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 from tests.attack.files import attack_files
+from tests.attack.flood import attack_flood
 from tests.attack.forked import import_everything
 from tests.attack.kills import attack_kills
 from tests.attack.requests import attack_requests
@@ -27,8 +28,9 @@ def attack_by_files(folder: Path, seed: int, until_s: float, tallies: multiproce
 def attack_by_others(
     folder: Path, seed: int, minutes: float, until_s: float, tallies: multiprocessing.Queue
 ) -> None:
-    """Requests and kills, then files for the rest of the time."""
+    """Connections, requests and kills, then files for the rest of the time."""
     first_s = until_s - (1.0 - FIRST_SHARE) * 60.0 * minutes
+    attack_flood(tallies.put)
     attack_requests(seed, round(REQUESTS_PER_MINUTE * minutes), first_s, tallies.put)
     attack_kills(seed, max(1, round(KILLS_PER_MINUTE * minutes)), first_s, tallies.put)
     if time.monotonic() < until_s:
