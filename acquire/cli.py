@@ -382,19 +382,15 @@ def _socket(rig: Path | None) -> Path:
 def _print_session(report: Any, as_json: bool) -> None:
     if as_json:
         numbers = {"strikes": report.strikes, "frames": report.frames, "lost": report.lost}
-        click.echo(
-            json.dumps({"path": str(report.path), "files": [str(path) for path in report.files], **numbers})
-        )
+        files = {"path": str(report.path), "files": [str(path) for path in report.files]}
+        click.echo(json.dumps({**files, **numbers, "skipped": list(report.skipped)}))
     else:
         counts = (
             f"{counted(report.strikes, 'strike')}, {counted(report.frames, 'frame')}, "
             f"{counted(report.lost, 'frame')} lost"
         )
         click.echo(f"{', '.join(map(str, report.files))}: {counts}")
-    if report.aborted:
-        click.echo(f"acquire: the session ended early: {report.text}", err=True)
-    elif report.strikes == 0:
-        remedy = "glue a tag on each side that faces the camera, and list it in the object file"
-        click.echo(f"acquire: no strike was made: every placement was refused: {remedy}", err=True)
-    if report.aborted or report.lost or report.strikes == 0:
+    if report.complaint:
+        click.echo(f"acquire: {report.complaint}", err=True)
+    if report.complaint or report.lost:
         sys.exit(3)

@@ -22,16 +22,21 @@ from acquire.recorder.atomic import refuse_taken, refuse_unwritable
 from acquire.session.runner import Progress, SessionRunner
 from acquire.session.session_input import SessionInput
 from acquire.session.session_report import SessionReport
+from acquire.session.waits import at_most
 from acquire.virtual.devices import DeviceOptions, Devices, prepare_devices, refuse_other_address, run_folder
 from acquire.virtual.operator import VirtualOperator
 from acquire.virtual.operator_link import OperatorLink
 from acquire.virtual.pace import read_pace
-from acquire.virtual.processes import interruptible, running_process
+from acquire.virtual.processes import START_S, interruptible, running_process
 from acquire.virtual.requirements import refuse_missing_libraries
 from acquire.virtual.truth import merge_truth
 
 START_TIMEOUT_S = 30.0
 """longest wait for the daemon's socket [s]"""
+PLAN_TIMEOUT_S = 600.0
+"""longest wait for `analyze plan` [s]; the objects that come with the program take two to five"""
+SERVO_TIMEOUT_S = 20.0
+"""longest wait for a servo that does not answer [s]: nobody plugs in a virtual one"""
 _FOLDER = "percuss-demo-"
 """prefix of a demo's temporary folder: /tmp/percuss-demo-<process id>-*"""
 
@@ -144,12 +149,12 @@ def _session(
     """
     folder = rig.folder
     plan_path, rig_path = folder / "plan.json", folder / "rig.toml"
-    progress("starting: world", 0, 1)
+    progress(f"starting: world{at_most(START_S)}", 0, 1)
     cleanup.enter_context(rig.world(rig_path))
     planning = cleanup.enter_context(_planning(rig.object_path, plan_path, rig_path, plan))
-    progress("starting: camera", 0, 1)
+    progress(f"starting: camera{at_most(START_S)}", 0, 1)
     cleanup.enter_context(rig.camera())
-    progress("starting: daemon", 0, 1)
+    progress(f"starting: daemon{at_most(START_S + START_TIMEOUT_S)}", 0, 1)
     socket = read_rig(rig_path).daemon.socket_path()
     cleanup.enter_context(
         running_process(
@@ -157,7 +162,7 @@ def _session(
         )
     )
     wait_for_socket(socket, lambda: True, START_TIMEOUT_S)
-    progress("starting: plan", 0, 1)
+    progress(f"starting: plan{at_most(PLAN_TIMEOUT_S)}", 0, 1)
     _wait_for_plan(planning)
 
     world = cleanup.enter_context(contextlib.closing(OperatorLink(folder / "world.sock")))
@@ -166,7 +171,8 @@ def _session(
     for older in output.replaced:
         older.unlink(missing_ok=True)
     try:
-        return SessionRunner(client, SessionInput(rig.object_path, plan_path), output.path, progress).run()
+        given = SessionInput(rig.object_path, plan_path)
+        return SessionRunner(client, given, output.path, progress, SERVO_TIMEOUT_S).run()
     finally:  # a session that ends early leaves a recording as well
         shutil.copyfile(world.truth(), truth_path)
 
@@ -202,8 +208,14 @@ def _wait_for_plan(planning: subprocess.Popen[str]) -> None:
     """Wait until `analyze plan` has written the plan.
 
     Raises:
-        SessionError: `analyze plan` failed; with the message that it printed.
+        SessionError: `analyze plan` failed, with the message that it printed, or took longer than
+            PLAN_TIMEOUT_S (600 s).
     """
-    stdout, stderr = planning.communicate()
+    try:
+        stdout, stderr = planning.communicate(timeout=PLAN_TIMEOUT_S)
+    except subprocess.TimeoutExpired:
+        raise SessionError(
+            f"`analyze plan` took longer than {PLAN_TIMEOUT_S:g} s: try it alone, with fewer --strikes"
+        ) from None
     if planning.returncode != 0:
         raise SessionError(f"`analyze plan` failed: {stderr.strip() or stdout.strip()}")

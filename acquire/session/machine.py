@@ -72,6 +72,7 @@ class SessionMachine:
         self._index = 0
         self._attempt = 1
         self._placements = 0
+        self._skipped: list[str] = []
         self._faults = 0
         self.learner = EnergyLearner(plan)
         self._command = 0.0
@@ -94,6 +95,11 @@ class SessionMachine:
     def progress(self) -> tuple[int, int]:
         """Number of planned strikes done or skipped, and number of all planned strikes."""
         return self._index + (self.state is State.FINISHED), len(self.plan.strikes)
+
+    @property
+    def skipped(self) -> tuple[str, ...]:
+        """Ids of the planned strikes that were given up after MAX_PLACEMENTS rejected placements."""
+        return tuple(self._skipped)
 
     def handle(self, event: Event) -> list[Action]:
         """Advance the session by one event and return the actions to execute, in order.
@@ -145,6 +151,7 @@ class SessionMachine:
             return [self._announce(), Arm()]
         self._placements += 1
         if self._placements >= MAX_PLACEMENTS:
+            self._skipped.append(self.strike.id)
             return self._next()
         return self._place(event.text)
 

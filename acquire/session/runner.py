@@ -20,7 +20,7 @@ from acquire.errors import (
     StrikerRefused,
     StrikerStopped,
 )
-from acquire.session import actions, events
+from acquire.session import actions, events, waits
 from acquire.session.machine import SessionMachine, State
 from acquire.session.plan_fit import camera_pose_problem, striker_limit_problem
 from acquire.session.session_input import SessionInput
@@ -30,25 +30,9 @@ from schemas.strike_plan import PlannedStrike
 from schemas.watch_lines import StrikeVerdict, WatchEvent
 from schemas.wording import counted
 
-POSE_TIMEOUT_S = 8.0
-"""time for the object to come to rest and be seen after it was placed [s]"""
-WATCHER_RESTART_S = 1.5
-"""time the daemon needs to restart `analyze watch` after it died [s]"""
 POSE_TOLERANCE_RAD = 0.14
 """largest error of a placement [rad]: 8 degrees, far above that of a careful one, far below that of a wrong
 face"""
-SERVO_TIMEOUT_S = 120.0
-"""time for a person to mend the servo's cable or supply during a session [s]"""
-SERVO_RETRY_S = 0.5
-"""interval between attempts to reach a servo that does not answer [s]"""
-REST_TIMEOUT_S = 3.0
-"""recorded time after the strike [s] after which the window is closed although the object moves: it has long
-landed and only rolls"""
-LATE_TIMEOUT_S = 9.0
-"""time on the host's clock [s] after which the window is closed in any case; longer than REST_TIMEOUT_S,
-because images may arrive late"""
-REST_MINIMUM_S = 0.9
-"""shortest recorded time after the strike [s]: an object that hesitates at the balance point looks at rest"""
 
 Progress = Callable[[str, int, int], None]
 """called with a text, the number of planned strikes done, and the number of all planned strikes"""
@@ -63,12 +47,19 @@ class SessionRunner:
         output: path of the recording to write.
         progress: called with a text, the number of planned strikes done, and the number of all planned
             strikes.
+        servo_timeout_s: longest wait for a servo that does not answer [s].
     """
 
     def __init__(
-        self, client: DaemonClient, given: SessionInput, output: Path, progress: Progress = lambda *_: None
+        self,
+        client: DaemonClient,
+        given: SessionInput,
+        output: Path,
+        progress: Progress = lambda *_: None,
+        servo_timeout_s: float = waits.SERVO_TIMEOUT_S,
     ) -> None:
         self._client = client
+        self._servo_timeout_s = servo_timeout_s
         self._input = given
         self._output = output
         self._progress = progress
@@ -151,6 +142,7 @@ class SessionRunner:
         self._report(f"discarded: {names}: no strike was ordered yet")
 
     def _close_recording(self, action: actions.CloseRecording) -> SessionReport:
+        self._report(f"finishing the recording{waits.at_most(waits.CLOSE_TIMEOUT_S)}")
         report = self._client.call("recording.close")
         if self._kept:
             self._report(f"learned: {self._machine.learner.striker.text()}")
@@ -162,6 +154,7 @@ class SessionRunner:
             lost=int(report["lost"]),
             aborted=action.aborted,
             text=action.text,
+            skipped=self._machine.skipped,
         )
 
     def _execute(self, action: actions.Step) -> events.Event | None:
@@ -207,7 +200,7 @@ class SessionRunner:
             text=action.text,
         )
         name = State.Name(action.state).replace("_", " ").lower()
-        self._report(f"{action.strike_id} {name} {action.text}".strip())
+        self._report(f"{action.strike_id} {name}{waits.longest_in(action.state)} {action.text}".strip())
 
     def _ask_to_place(self, strike: PlannedStrike, hint: str) -> events.Event:
         rotation, p = strike.R_world_object, strike.p_world_object
@@ -231,14 +224,14 @@ class SessionRunner:
 
     def _check_pose(self, strike: PlannedStrike) -> events.Event:
         since_ns = int(self._client.call("watch.expect", plan_strike_id=strike.id)["now_ns"])
-        end = time.monotonic() + POSE_TIMEOUT_S
+        end = time.monotonic() + waits.POSE_TIMEOUT_S
         text = "none of the object's markers is in view"
-        alive_until = time.monotonic() + WATCHER_RESTART_S
+        alive_until = time.monotonic() + waits.WATCHER_RESTART_S
         seen_ns = 0
         while time.monotonic() < end:
             answer = self._client.call("watch.latest")
             if answer["alive"]:
-                alive_until = time.monotonic() + WATCHER_RESTART_S
+                alive_until = time.monotonic() + waits.WATCHER_RESTART_S
             elif time.monotonic() > alive_until:
                 return events.PoseChecked(
                     good=True, text="analyze watch is not running: the placement was not checked"
@@ -246,7 +239,7 @@ class SessionRunner:
             event = WatchEvent.model_validate(answer["event"]) if answer["event"] else None
             if event is not None and seen_ns < event.time_ns <= since_ns:
                 # A restarted `analyze watch` reads the recording from its beginning: let it catch up.
-                seen_ns, end = event.time_ns, time.monotonic() + POSE_TIMEOUT_S
+                seen_ns, end = event.time_ns, time.monotonic() + waits.POSE_TIMEOUT_S
             if event is not None and event.time_ns > since_ns and event.markers:
                 error = event.placement_error_rad
                 if event.at_rest and error is not None and error < POSE_TOLERANCE_RAD:
@@ -274,10 +267,10 @@ class SessionRunner:
             None when the striker is homed; a StopRequested event if the striker was stopped meanwhile.
 
         Raises:
-            StrikerNotFound, StrikerLost: the servo did not answer within SERVO_TIMEOUT_S.
+            StrikerNotFound, StrikerLost: the servo did not answer within the wait given to the constructor.
             StrikerError: homing failed otherwise.
         """
-        end = time.monotonic() + SERVO_TIMEOUT_S
+        end = time.monotonic() + self._servo_timeout_s
         reported = ""
         while True:
             try:
@@ -289,8 +282,8 @@ class SessionRunner:
                     raise
                 if str(error) != reported:
                     reported = str(error)
-                    self._report(f"waiting for the striker: {reported}")
-                time.sleep(SERVO_RETRY_S)
+                    self._report(f"waiting for the striker{waits.at_most(self._servo_timeout_s)}: {reported}")
+                time.sleep(waits.SERVO_RETRY_S)
             else:
                 return None
 
@@ -327,16 +320,16 @@ class SessionRunner:
     def _record_until_rest(self) -> events.Event:
         start = time.monotonic()
         struck_ns, end_ns = time.monotonic_ns() + self._anchor_ns, 0
-        while time.monotonic() - start < LATE_TIMEOUT_S:
+        while time.monotonic() - start < waits.LATE_TIMEOUT_S:
             time.sleep(0.05)
             answer = self._client.call("watch.latest")
             event = answer["event"] if answer["alive"] else None
             if event is None:  # `analyze watch` is not running: record for a fixed time
-                if time.monotonic() - start > REST_TIMEOUT_S:
+                if time.monotonic() - start > waits.REST_TIMEOUT_S:
                     break
                 continue
             since_s = 1e-9 * (event["time_ns"] - struck_ns)
-            if since_s > REST_TIMEOUT_S or (event["at_rest"] and since_s > REST_MINIMUM_S):
+            if since_s > waits.REST_TIMEOUT_S or (event["at_rest"] and since_s > waits.REST_MINIMUM_S):
                 end_ns = event["time_ns"]
                 break
         report = self._client.call("window.close", end_ns=end_ns)
@@ -355,6 +348,7 @@ class SessionRunner:
             window_start_ns=action.recorded.window_start_ns,
             window_end_ns=action.recorded.window_end_ns,
             contact_time_ns=contact + self._anchor_ns if contact else 0,
+            timeout_s=waits.JUDGE_TIMEOUT_S,
         )
         return events.Judged(StrikeVerdict.model_validate(answer["verdict"]) if answer["verdict"] else None)
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from schemas.wording import counted
+
 
 @dataclass(frozen=True)
 class SessionReport:
@@ -24,3 +26,22 @@ class SessionReport:
     """True if the session ended before its last planned strike"""
     text: str
     """reason if the session was aborted"""
+    skipped: tuple[str, ...] = ()
+    """ids of planned strikes that were given up, because the object was never found as it should stand"""
+
+    @property
+    def complaint(self) -> str:
+        """Line that states why the session did not do all planned strikes; empty if it did."""
+        if self.aborted:
+            return f"the session ended early: {self.text}"
+        if self.strikes == 0:
+            return (
+                "no strike was made: every placement was refused: "
+                "glue a tag on each side that faces the camera, and list it in the object file"
+            )
+        if self.skipped:
+            return (
+                f"{counted(len(self.skipped), 'planned strike')} given up ({', '.join(self.skipped)}): every "
+                "placement was refused, the lines above say why: plan and strike them again"
+            )
+        return ""

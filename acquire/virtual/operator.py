@@ -73,7 +73,11 @@ class VirtualOperator:
                         )
                         answers.call("prompt.answer", prompt_id=event["prompt_id"], ok=False, text=text)
                         continue
-                    self._place(event)
+                    try:
+                        self._place(event)
+                    except AcquireError as error:  # nobody else would answer, and the session wait for ever
+                        answers.call("prompt.answer", prompt_id=event["prompt_id"], ok=False, text=str(error))
+                        return
                     if self._answers:
                         answers.call("prompt.answer", prompt_id=event["prompt_id"], ok=True)
 

@@ -100,3 +100,17 @@ def test_a_session_without_a_strike_is_no_success(tmp_path: Path, capsys: pytest
         _print_session(SessionReport(path, (path,), 0, 800, 0, aborted=False, text=""), as_json=False)
     assert caught.value.code == 3
     assert "no strike was made: every placement was refused" in capsys.readouterr().err
+
+
+def test_a_session_that_gave_strikes_up_is_no_success(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It ended with code 0 before, although the camera had died after the first of three strikes."""
+    path = tmp_path / "r.mcap"
+    report = SessionReport(path, (path,), 1, 800, 0, aborted=False, text="", skipped=("s2", "s3"))
+    with pytest.raises(SystemExit) as caught:
+        _print_session(report, as_json=True)
+    assert caught.value.code == 3
+    shown = capsys.readouterr()
+    assert json.loads(shown.out)["skipped"] == ["s2", "s3"]
+    assert "2 planned strikes given up (s2, s3): every placement was refused" in shown.err

@@ -21,6 +21,7 @@ from acquire.cli import main as acquire
 from analyze.cli import main as analyze
 from tests.loopback import loopback
 from tests.system.complaints import complaint, names_in, write
+from tests.system.fault_rig import child
 
 pytestmark = pytest.mark.usefixtures("nothing_left")
 
@@ -131,6 +132,82 @@ def test_a_killed_demo_leaves_no_process(short_folder: Path) -> None:
     process.communicate(timeout=60)
     assert wait_until_gone(short_folder) == []
     assert not (short_folder / "r.mcap").exists()
+
+
+DIES_S = 20.0
+"""longest time from the end of one of a demo's processes to the end of the demo, on a busy machine [s]; the
+recording is finished meanwhile. It waited for ever before, without its world"""
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "moment"),
+    [
+        ("acquire.virtual.world_process", "world", "starting: camera"),
+        *(
+            pytest.param(module, name, "s1.1: ", marks=pytest.mark.slow)
+            for module, name in (
+                ("acquire.virtual.world_process", "world"),
+                ("acquire.virtual.camera_process", "camera"),
+                ("acquire\0run", "daemon"),
+            )
+        ),
+    ],
+)
+def test_a_demo_ends_with_any_of_its_processes(
+    short_folder: Path, module: str, name: str, moment: str
+) -> None:
+    demo = start_demo(short_folder, "--strikes", "3", "--address", loopback(67))
+    assert demo.stderr is not None
+    while moment not in demo.stderr.readline():
+        assert demo.poll() is None
+    os.kill(child(demo.pid, module), signal.SIGKILL)
+    killed = time.monotonic()
+    _, errors = demo.communicate(timeout=60)
+    assert time.monotonic() - killed < DIES_S
+    assert demo.returncode == 1
+    assert (
+        errors.splitlines()[-1] == f"acquire: the {name} ended unexpectedly: killed by SIGKILL: start again"
+    )
+    assert "Traceback" not in errors
+    assert wait_until_gone(short_folder) == []
+    kept = {"r.mcap"} if moment == "s1.1: " else set()
+    assert names_in(short_folder) == kept
+
+
+@pytest.mark.slow
+def test_a_demo_whose_servo_is_unplugged_for_good_ends_in_the_stated_time(short_folder: Path) -> None:
+    demo = start_demo(short_folder, "--strikes", "3", "--address", loopback(68))
+    assert demo.stderr is not None
+    while "s1.1: " not in demo.stderr.readline():
+        assert demo.poll() is None
+    (path,) = short_folder.glob("percuss-demo-*/world.sock")
+    with socket.socket(socket.AF_UNIX) as world:
+        world.connect(str(path))
+        world.sendall(b'{"method": "servo", "what": "unplug"}\n')
+        assert world.recv(100) == b'{"ok": true}\n'
+    unplugged = time.monotonic()
+    _, errors = demo.communicate(timeout=100)
+    assert "waiting for the striker (at most 20 s): " in errors
+    assert time.monotonic() - unplugged < 20.0 + DIES_S
+    assert demo.returncode == 1
+    assert wait_until_gone(short_folder) == []
+    assert names_in(short_folder) == {"r.mcap"}
+
+
+@pytest.mark.slow
+def test_a_demo_whose_world_hangs_ends(short_folder: Path) -> None:
+    """Without an answer of the virtual operator the session waited for ever."""
+    demo = start_demo(short_folder, "--strikes", "3", "--address", loopback(69))
+    assert demo.stderr is not None
+    while "s1.1: " not in demo.stderr.readline():
+        assert demo.poll() is None
+    os.kill(child(demo.pid, "acquire.virtual.world_process"), signal.SIGSTOP)
+    stopped = time.monotonic()
+    _, errors = demo.communicate(timeout=100)
+    assert time.monotonic() - stopped < 20.0 + 2 * DIES_S
+    assert demo.returncode in {1, 3}, errors
+    assert "Traceback" not in errors
+    assert wait_until_gone(short_folder) == []
 
 
 def test_wrong_usage_is_one_line_and_code_2() -> None:

@@ -19,7 +19,9 @@ from acquire.cli import main as acquire
 from tests.loopback import loopback
 from tests.places import ROOT
 from tests.system.complaints import complaint, write
+from tests.system.fault_rig import child
 
+PROGRAM = [sys.executable, "-m", "acquire"]
 pytestmark = pytest.mark.usefixtures("nothing_left")
 
 
@@ -93,3 +95,21 @@ def test_a_rehearsal_that_cannot_begin(tmp_path: Path) -> None:
     result = CliRunner().invoke(acquire, ["virtual", "--truth", str(truth)])
     assert result.exit_code == 2
     assert "the masses of the carton come from the seed" in result.stderr
+
+
+def test_a_rehearsal_ends_with_its_world(short_folder: Path) -> None:
+    """It went on offering a rig whose servo was gone."""
+    virtual = subprocess.Popen(
+        [*PROGRAM, "virtual", "--dir", str(short_folder / "rig"), "--address", loopback(132)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"TMPDIR": str(short_folder)},
+    )
+    assert virtual.stdout is not None
+    assert any(line.startswith("  analyze report") for line in iter(virtual.stdout.readline, ""))
+    os.kill(child(virtual.pid, "acquire.virtual.world_process"), signal.SIGKILL)
+    _, errors = virtual.communicate(timeout=30)
+    assert virtual.returncode == 1
+    assert errors == "acquire: the world ended unexpectedly: killed by SIGKILL: start again\n"
+    assert {path.name for path in short_folder.iterdir()} == {"rig"}

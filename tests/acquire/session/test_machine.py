@@ -207,3 +207,13 @@ def test_repeatedly_cut_files_end_the_session():
     ordered = machine.handle(events.FileCutShort("x"))
     assert isinstance(ordered[-1], actions.CloseRecording)
     assert ordered[-1].aborted
+
+
+def test_strikes_that_are_given_up_are_named() -> None:
+    machine = s.SessionMachine(plan(planned("s1"), planned("s2")))
+    machine.handle(events.Started())
+    for _ in range(s.MAX_PLACEMENTS):
+        machine.handle(events.Placed())
+        machine.handle(events.PoseChecked(good=False, text="camera lost"))
+    assert machine.skipped == ("s1",)
+    assert machine.strike.id == "s2"
