@@ -11,6 +11,7 @@ memory.
 from __future__ import annotations
 
 import json
+import logging
 import re
 import struct
 import warnings
@@ -111,6 +112,8 @@ def read_numbered_mesh(
     # Imported here: loading takes a second, which point clouds and primitives do not need.
     import trimesh
 
+    # Without any handler its notes, tracebacks among them, would reach the user.
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())
     try:
         _refuse_false_counts(data, suffix)
         with warnings.catch_warnings():

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
+from io import BytesIO
+
 import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from google.protobuf.message import DecodeError
@@ -12,6 +15,21 @@ from schemas.mcap.records import ContainerError
 
 _WIDTH, _HEIGHT, _ENCODING, _STEP, _DATA = 2, 3, 4, 5, 6
 """field numbers of foxglove.RawImage"""
+_KNOWN_TO_PILLOW = (
+    b"\x89PNG",
+    b"\xff\xd8",
+    b"BM",
+    b"II",
+    b"MM",
+    b"RIFF",
+    b"P1",
+    b"P2",
+    b"P3",
+    b"P4",
+    b"P5",
+    b"P6",
+)
+"""first bytes of files that Pillow reads too"""
 
 
 def decode_image(schema: str, data: memoryview) -> NDArray[np.uint8]:
@@ -34,14 +52,19 @@ def decode_image(schema: str, data: memoryview) -> NDArray[np.uint8]:
     raise ContainerError(f"images of type {schema!r} cannot be read, only RawImage and CompressedImage")
 
 
-def decode_image_file(data: bytes) -> NDArray[np.uint8] | None:
+def decode_image_file(data: bytes, *, verified: bool = False) -> NDArray[np.uint8] | None:
     """Decode an image file's bytes; return (height, width) uint8 grey values, None if they are no image.
 
-    Any format that OpenCV reads is accepted. An orientation tag (EXIF) is ignored.
+    Any format that OpenCV reads is accepted. An orientation tag (EXIF) is ignored. A file that is damaged,
+    cut short, or larger than some 180 megapixels is no image.
+
+    Args:
+        data: content of the file.
+        verified: True if a checksum has shown that the bytes are those that were written.
     """
     import cv2
 
-    if not data:
+    if not data or not _is_sound(data, verified=verified):
         return None
     try:
         image = cv2.imdecode(
@@ -50,6 +73,29 @@ def decode_image_file(data: bytes) -> NDArray[np.uint8] | None:
     except cv2.error:
         return None
     return None if image is None else np.asarray(image, dtype=np.uint8)
+
+
+def _is_sound(data: bytes, *, verified: bool) -> bool:
+    """True if an image file's stated size is plausible and, unless `verified`, its content is whole.
+
+    OpenCV would accept half a JPEG, and its libraries write to standard error. True for formats that only
+    OpenCV knows.
+    """
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            image = Image.open(BytesIO(data))
+            if not verified and image.format == "PNG":
+                image.verify()  # its checksums
+            elif not verified:
+                image.load()
+    except UnidentifiedImageError:
+        return not data.startswith(_KNOWN_TO_PILLOW)
+    except Exception:  # Pillow's readers raise whatever the damaged byte leads to
+        return False
+    return True
 
 
 def encode_png(image: NDArray[np.uint8]) -> bytes:
@@ -81,7 +127,7 @@ def _compressed_image(data: memoryview) -> NDArray[np.uint8]:
         message = CompressedImage.FromString(bytes(data))
     except DecodeError:
         raise ContainerError("a message is not a foxglove.CompressedImage") from None
-    image = decode_image_file(message.data)
+    image = decode_image_file(message.data, verified=True)
     if image is None:
         raise ContainerError(f"a {message.format!r} image cannot be decoded")
     return image

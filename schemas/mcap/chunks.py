@@ -22,6 +22,8 @@ _ONE_CHUNK_INDEX: Final = struct.Struct("<BQQQQQIHQQIQQ")
 _PLAUSIBLE_BYTES: Final = 1 << 24
 _PLAUSIBLE_RATIO: Final = 1000
 """greatest ratio of claimed to stored size at which a chunk of over _PLAUSIBLE_BYTES is decompressed"""
+MAX_DECOMPRESSED_BYTES: Final = 1 << 28
+"""largest chunk that is decompressed; writers use a few megabytes"""
 
 
 class ChunkEntry(NamedTuple):
@@ -259,21 +261,48 @@ def chunk_messages(chunk: ChunkRecord) -> memoryview:
 def _decompressed(chunk: ChunkRecord) -> memoryview:
     if not chunk.compression:
         return chunk.records
-    if chunk.uncompressed_size > max(_PLAUSIBLE_BYTES, _PLAUSIBLE_RATIO * len(chunk.records)):
+    size = chunk.uncompressed_size
+    if size > max(_PLAUSIBLE_BYTES, _PLAUSIBLE_RATIO * len(chunk.records)):
         raise ContainerError("chunk claims an impossible size")
+    if size > MAX_DECOMPRESSED_BYTES:
+        most = f"{MAX_DECOMPRESSED_BYTES >> 20} MB"
+        raise ContainerError(f"chunk of {size >> 20} MB; compressed ones are read up to {most}")
     if chunk.compression == "lz4":
-        import lz4.frame  # comes with mcap
-
-        try:
-            return memoryview(lz4.frame.decompress(chunk.records))
-        except RuntimeError as error:
-            raise ContainerError(f"chunk cannot be decompressed: {error}") from None
+        return _without_lz4(chunk.records, size)
     if chunk.compression == "zstd":
-        import zstandard  # comes with mcap
-
-        decompressor = zstandard.ZstdDecompressor()
-        try:
-            return memoryview(decompressor.decompress(chunk.records, max_output_size=chunk.uncompressed_size))
-        except zstandard.ZstdError as error:
-            raise ContainerError(f"chunk cannot be decompressed: {error}") from None
+        return _without_zstd(chunk.records, size)
     raise ContainerError(f"chunk compression {chunk.compression!r} is not known")
+
+
+def _without_lz4(stored: memoryview, size: int) -> memoryview:
+    """Content of an LZ4 frame, of which at most `size` bytes are unpacked, whatever its head states.
+
+    Raises:
+        ContainerError: the frame is damaged or holds more.
+    """
+    import lz4.frame  # comes with mcap
+
+    decompressor = lz4.frame.LZ4FrameDecompressor()
+    try:
+        data = decompressor.decompress(stored, max_length=size)
+        if not decompressor.eof:  # its end mark may be left
+            data += decompressor.decompress(b"", max_length=1)
+    except (RuntimeError, EOFError) as error:
+        raise ContainerError(f"chunk cannot be decompressed: {error}") from None
+    return memoryview(data)
+
+
+def _without_zstd(stored: memoryview, size: int) -> memoryview:
+    """Content of a Zstandard frame, of which at most `size` bytes are unpacked, whatever its head states.
+
+    Raises:
+        ContainerError: the frame is damaged or holds more.
+    """
+    import zstandard  # comes with mcap
+
+    try:
+        if zstandard.frame_content_size(stored) > size:
+            raise ContainerError("chunk cannot be decompressed: it holds more than it states")
+        return memoryview(zstandard.ZstdDecompressor().decompress(stored, max_output_size=size))
+    except zstandard.ZstdError as error:
+        raise ContainerError(f"chunk cannot be decompressed: {error}") from None
