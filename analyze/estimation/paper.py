@@ -372,10 +372,11 @@ def _axis_solution(
     arm = arm - plane.direction * (arm @ plane.direction)
     square = float(arm @ arm)
     lines = [plane.point, plane.point + arm, plane.point + 2 * arm]
-    moments = np.stack([_moments(sweep, line, plane.direction) for line in lines], axis=1)
-    solvable = np.abs(np.linalg.det(moments / square)) > MIN_DETERMINANT
+    # In units of the arm's square, for determinant and solution alike: what one finds regular, the other does.
+    moments = np.stack([_moments(sweep, line, plane.direction) for line in lines], axis=1) / square
+    solvable = np.abs(np.linalg.det(moments)) > MIN_DETERMINANT
     values = i_edge * np.linspace(1 - I_RANGE, 1 + I_RANGE, I_STEPS)
-    right = np.stack([values, values - mass * square, values], axis=0)
+    right = np.stack([values, values - mass * square, values], axis=0) / square
     masses = np.zeros((len(moments), 3, I_STEPS))
     masses[solvable] = np.linalg.solve(moments[solvable], np.broadcast_to(right, masses[solvable].shape))
     # (planes x values, 3), in the order of the sweep.
