@@ -13,6 +13,7 @@ from typing import Any
 
 from acquire.errors import ConfigError
 from schemas.document import DocumentError, validate
+from schemas.input_file import read_text
 from schemas.rig import RigConfig
 from schemas.rig_limits import TipSpeeds
 
@@ -27,7 +28,7 @@ def read_rig(path: Path) -> RigConfig:
         ConfigError: the file is missing, is not TOML, or holds an entry that cannot be used.
     """
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = tomllib.loads(read_text(path))
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such rig file: check the path") from None
     except OSError as error:

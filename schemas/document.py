@@ -21,6 +21,7 @@ from pydantic import (
     model_serializer,
 )
 
+from schemas import input_file
 from schemas.document_problems import problems_in_one_line
 
 if TYPE_CHECKING:
@@ -160,7 +161,7 @@ def read_text(path: Path) -> str:
         DocumentError: the file is missing, is not UTF-8 text, or cannot be read.
     """
     try:
-        return path.read_text(encoding="utf-8")
+        return input_file.read_text(path)
     except FileNotFoundError:
         raise DocumentError(f"{path}: no such file: check the path") from None
     except UnicodeDecodeError:

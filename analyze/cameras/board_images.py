@@ -14,6 +14,7 @@ from analyze.reading.image_message import decode_image_file
 from analyze.reading.recording import open_recording
 from analyze.sources.image_file import IMAGE_SUFFIXES
 from schemas import topics
+from schemas.input_file import read_bytes
 
 RECORDING = ".mcap"
 VIDEOS = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm", ".3gp")
@@ -107,7 +108,7 @@ def read_image(path: Path) -> Image:
     if path.suffix.lower() in VIDEOS:
         return next(image for _, image in _video_images(path, no_progress))
     try:
-        data = path.read_bytes()
+        data = read_bytes(path)
     except OSError as error:
         raise CalibrationError(f"{path}: cannot be read: {error.strerror}: check the path") from None
     image = decode_image_file(data)

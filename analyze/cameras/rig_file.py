@@ -10,6 +10,7 @@ import numpy as np
 
 from analyze.errors import CalibrationError
 from schemas.document import validate
+from schemas.input_file import read_text
 from schemas.rig import RigConfig
 
 PLUMB_LINE = "plumb line"
@@ -31,7 +32,7 @@ def read_rig(path: Path) -> tuple[RigConfig, list[list[float]] | None]:
         DocumentError: the table [camera] is missing, or an entry has a value that is not allowed.
     """
     try:
-        data: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
+        data: dict[str, Any] = tomllib.loads(read_text(path))
     except FileNotFoundError:
         raise CalibrationError(f"{path}: no such rig file: check the path") from None
     except OSError as error:

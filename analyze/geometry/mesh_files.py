@@ -11,7 +11,6 @@ memory.
 from __future__ import annotations
 
 import json
-import logging
 import re
 import struct
 import warnings
@@ -112,8 +111,8 @@ def read_numbered_mesh(
     # Imported here: loading takes a second, which point clouds and primitives do not need.
     import trimesh
 
-    # Without any handler its notes, tracebacks among them, would reach the user.
-    logging.getLogger("trimesh").addHandler(logging.NullHandler())
+    log = trimesh.util.log
+    spoke, log.disabled = log.disabled, True  # its notes, tracebacks among them, would reach the user
     try:
         _refuse_false_counts(data, suffix)
         with warnings.catch_warnings():
@@ -139,6 +138,8 @@ def read_numbered_mesh(
         raise ShapeError(
             f"{name}: cannot be read as {suffix.upper()}: it is damaged or of another format: export it anew"
         ) from None
+    finally:
+        log.disabled = spoke
     if faces.ndim != 2 or len(faces) < 4 or faces.min() < 0 or faces.max() >= len(vertices):
         raise ShapeError(
             f"{name}: has no faces of a closed body: export the solid's exterior as {suffix.upper()} again"

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from analyze.errors import RecordingCut, RecordingError, RecordingForeign
 from analyze.reading.index_check import check_entries
 from analyze.reading.not_a_recording import not_a_recording
+from schemas.input_file import open_file
 from schemas.mcap import records as container
 from schemas.mcap.chunks import chunk_messages, parse_chunk_offsets
 from schemas.mcap.records import AttachmentRecord, ChannelRecord, ContainerError, MessageRecord
@@ -280,7 +281,7 @@ def map_recording(path: Path) -> memoryview:
         RecordingError: the file is missing or cannot be read.
     """
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
     except FileNotFoundError:
         raise RecordingError(f"{path}: no such recording: check the path") from None

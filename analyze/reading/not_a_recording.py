@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from schemas.input_file import open_file
+
 BAG_METADATA = "metadata.yaml"
 """file in the folder of a ROS 2 bag"""
 VIDEO_FOLDER = "a folder of videos"
@@ -68,7 +70,7 @@ def _first_video(folder: Path) -> str:
 
 def _file_kind(path: Path) -> str | None:
     """Kind of a file that `analyze import` reads by its first bytes, as "a video"; None for other files."""
-    with path.open("rb") as file:
+    with open_file(path) as file:
         head = file.read(16)
     if head.startswith(_SQLITE) and path.suffix.lower() == ".db3":
         return "a ROS 2 bag"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from analyze.errors import ShapeError
 from schemas.document import DocumentError
+from schemas.input_file import read_bytes
 from schemas.object_spec import ObjectSpec, object_sha256, read_object_spec, read_untagged_object_spec
 
 SHAPE_SUFFIXES = frozenset(
@@ -98,7 +99,7 @@ def _with_shape(spec: ObjectSpec, spec_path: Path) -> ObjectFiles:
         return ObjectFiles(spec, None, spec_path.name, object_sha256(spec, None))
     shape_path = spec_path.parent / spec.shape.file
     try:
-        data = shape_path.read_bytes()
+        data = read_bytes(shape_path)
     except FileNotFoundError:
         raise ShapeError(
             f"{shape_path}: no such shape file: {spec_path.name} names it: put it in the same folder"

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from analyze.errors import RecordingCut, RecordingError
 from analyze.reading.not_a_recording import not_a_recording
+from schemas.input_file import open_file
 
 _MAGIC = b"\x89MCAP0\r\n"
 _PART = ".part"
@@ -42,7 +43,7 @@ def find_recording(file: Path) -> RecordingFile:
     """
     path = existing_file(file)
     try:
-        with path.open("rb") as stream:
+        with open_file(path) as stream:
             head = stream.read(len(_MAGIC))
     except FileNotFoundError:
         raise RecordingError(f"{file}: no such recording: check the path") from None

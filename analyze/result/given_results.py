@@ -20,6 +20,7 @@ from analyze.planning.earlier_results import EarlierResult, StrikeMade, merge_re
 from analyze.planning.striker_update import Touch
 from analyze.result.answer import Answer, answer_recordings
 from schemas.document import validate
+from schemas.input_file import read_text
 from schemas.result import Result
 from schemas.rig import RigConfig
 
@@ -215,7 +216,7 @@ def read_result(path: Path) -> Result:
         DocumentError: the result holds an entry that cannot be used.
     """
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(read_text(path))
     except FileNotFoundError:
         raise PlanError(
             f"{path}: no such file: give a recording (.mcap) or what `analyze estimate --json` printed"

@@ -23,6 +23,7 @@ from ruamel.yaml.nodes import MappingNode
 from analyze.errors import CalibrationError
 from analyze.types import Array
 from schemas.document import validate
+from schemas.input_file import MAX_TEXT_BYTES, read_bytes
 from schemas.session_manifest import CameraCalibrationSpec, LensModel
 
 SUFFIXES = (".yaml", ".yml", ".json")
@@ -75,7 +76,7 @@ def read_calibration(path: Path) -> tuple[CameraCalibrationSpec, bool]:
         DocumentError: an entry has a value that is not allowed.
     """
     try:
-        data = path.read_bytes()
+        data = read_bytes(path, MAX_TEXT_BYTES)
     except FileNotFoundError:
         raise CalibrationError(f"{path}: no such camera file: check the path") from None
     except OSError as error:

@@ -13,6 +13,7 @@ from analyze.sources.frame_timing import usual_interval
 from analyze.sources.image_file import IMAGE_SUFFIXES, image_file
 from analyze.sources.source import TimedFile, TimedImage
 from analyze.sources.times_table import TimesTable, checked_times_ns, read_times_table, refuse_repeated
+from schemas.input_file import read_bytes
 from schemas.session_manifest import TimeSource
 from schemas.wording import counted
 
@@ -111,7 +112,7 @@ class ImageFolder:
             ImportRefused: the file cannot be read, or is not an image.
         """
         try:
-            found = decode(path.read_bytes())
+            found = decode(read_bytes(path))
         except OSError as error:
             raise ImportRefused(
                 f"{path}: cannot be read: {error.strerror}: check what {self._csv.name} names"

@@ -18,6 +18,7 @@ from rosbags.rosbag2 import Reader
 
 from analyze.errors import ImportRefused
 from analyze.sources.pictures import VIDEO
+from schemas.input_file import open_file
 from schemas.session_manifest import MANIFEST_NAME
 
 BAG_FILE = ".db3"
@@ -62,7 +63,7 @@ class McapFile:
             ImportRefused: the file is damaged, without index or messages, or already one of this project's
                 recordings.
         """
-        with self._named_damage(), self.path.open("rb") as stream:
+        with self._named_damage(), open_file(self.path) as stream:
             summary = SeekingReader(stream, record_size_limit=MAX_RECORD_BYTES).get_summary()
             if summary is None or not summary.channels:
                 raise ImportRefused(
@@ -95,7 +96,7 @@ class McapFile:
         Raises:
             ImportRefused: the file cannot be read or is damaged.
         """
-        with self._named_damage(), self.path.open("rb") as stream:
+        with self._named_damage(), open_file(self.path) as stream:
             until = None if end_ns is None else max(end_ns + 1, start_ns or 0)
             found = SeekingReader(stream, record_size_limit=MAX_RECORD_BYTES).iter_messages(
                 [topic.name],

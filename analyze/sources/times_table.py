@@ -21,6 +21,7 @@ from analyze.sources.times_columns import (
     plausible_units,
     time_columns,
 )
+from schemas.input_file import open_text
 from schemas.wording import counted
 
 TIMECODES = re.compile(r"#\s*time(code|stamp)\s+format\s+v2\b", re.IGNORECASE)
@@ -76,7 +77,7 @@ class TimesTable:
 def is_times_table(path: Path) -> bool:
     """True if a file is a table of times: a column of times in its header, or a timecode file."""
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
+        with open_text(path, "utf-8-sig", newline="") as file:
             head = file.readline(4096)
     except (OSError, UnicodeDecodeError):
         return False
@@ -183,7 +184,7 @@ def _read_lines(path: Path) -> Iterator[tuple[int, list[str]]]:
         ImportRefused: the file cannot be read as text in UTF-8.
     """
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
+        with open_text(path, "utf-8-sig", newline="") as file:
             separator = _separator(file.readline(4096))
             file.seek(0)
             rows = csv.reader(file, delimiter=separator)

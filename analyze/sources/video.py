@@ -289,7 +289,9 @@ class VideoSource:
         Raises:
             ImportRefused: the file does not exist, is a folder, or is not a readable video.
         """
+        begins = False
         try:
+            begins = begins_like_mp4(self.path)  # refuses a pipe, for which FFmpeg would wait
             return av.open(str(self.path), options=options)
         except FileNotFoundError:
             raise ImportRefused(f"{self.path}: no such file: check the path") from None
@@ -300,7 +302,7 @@ class VideoSource:
         except (FFmpegError, OSError) as error:
             cut = (
                 ": an MP4 file that was cut short has no index: record the video again, or repair it"
-                if self.path.suffix.lower() in MP4_SUFFIXES and begins_like_mp4(self.path)
+                if self.path.suffix.lower() in MP4_SUFFIXES and begins
                 else ""
             )
             raise ImportRefused(f"{self.path}: not a readable video ({error.strerror}){cut}") from None

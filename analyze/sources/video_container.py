@@ -10,6 +10,7 @@ from av.container import InputContainer
 
 from analyze.errors import ImportRefused
 from analyze.sources.frame_timing import FrameTiming
+from schemas.input_file import open_file
 
 CAPTURE_RATE_KEY = "com.android.capture.fps"
 """metadata of slow motion on Android phones: the capture rate, where the stamps are those of playing"""
@@ -20,7 +21,7 @@ MP4_SUFFIXES = {".mp4", ".mov", ".m4v", ".3gp"}
 
 def begins_like_mp4(path: Path) -> bool:
     """True if the file begins with one of the boxes (units of data) that begin an MP4 or QuickTime file."""
-    with path.open("rb") as file:
+    with open_file(path) as file:
         return file.read(8)[4:] in {b"ftyp", b"moov", b"mdat", b"wide", b"free"}
 
 

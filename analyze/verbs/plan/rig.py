@@ -15,6 +15,7 @@ from analyze.planning.information import SharedErrors
 from analyze.planning.prepared import FRICTION
 from analyze.tracking.camera_model import camera_from_spec
 from schemas.document import DocumentError, validate
+from schemas.input_file import read_text
 from schemas.rig import RigConfig, StrikerConfig
 
 
@@ -45,7 +46,7 @@ def planned_rig(path: Path | None) -> PlannedRig:
     if path is None:
         return PlannedRig(Bench(StrikerModel(), view.default_camera(), FRICTION), SharedErrors())
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
     except FileNotFoundError:
         raise PlanError(f"{path}: no such rig file: check the path") from None
     except OSError as error:
