@@ -20,6 +20,7 @@ import click
 from acquire.console.virtual_options import refuse_truth_of_ours, virtual_options
 from acquire.errors import AcquireError, CameraNotFound, DaemonSilent
 from schemas.command_line import Commands, NumberRange, one_line_errors, version_option
+from schemas.plain_text import echo
 from schemas.wording import counted
 
 _one_line_errors = one_line_errors("acquire", AcquireError)
@@ -41,9 +42,9 @@ def discover(as_json: bool) -> None:
 
     cameras = discover_cameras()
     if as_json:
-        click.echo(json.dumps([vars(camera) for camera in cameras]))
+        echo(json.dumps([vars(camera) for camera in cameras]))
     for camera in [] if as_json else cameras:
-        click.echo(f"{camera.address:16} {camera.vendor} {camera.model} ({camera.serial})")
+        echo(f"{camera.address:16} {camera.vendor} {camera.model} ({camera.serial})")
     if not cameras:
         raise CameraNotFound(
             "no camera answers: check power and cable, "
@@ -71,12 +72,12 @@ def check(rig: Path, as_json: bool) -> None:
         if picture is not None:
             picture.show(line)
         elif not as_json:
-            click.echo(line.text())
+            echo(line.text())
     if picture is not None:
         picture.verdict(time.monotonic() - began)
     good = all(line.outcome is not Outcome.FAIL for line in checks)
     if as_json:
-        click.echo(json.dumps({"passed": good, "checks": [line.as_dict() for line in checks]}))
+        echo(json.dumps({"passed": good, "checks": [line.as_dict() for line in checks]}))
     if not good:
         sys.exit(1)
 
@@ -95,7 +96,7 @@ def run(rig: Path, as_json: bool, parent: int | None) -> None:
 
     def ready(status: dict[str, Any]) -> None:
         model, address = status["camera"]["model"], config.camera.address
-        click.echo(
+        echo(
             json.dumps(status) if as_json else f"ready: {model} at {address}, socket {status['socket']}"
         )
         sys.stdout.flush()
@@ -197,7 +198,7 @@ def virtual(object_name: str, truth: Path | None, seed: int, address: str | None
     refuse_truth_of_ours(object_name, truth)
 
     def show(line: str) -> None:
-        click.echo(line)
+        echo(line)
         sys.stdout.flush()
 
     rehearse(DeviceOptions(object_name, seed, address or free_address(), truth), folder, show)
@@ -319,10 +320,10 @@ def status(rig: Path | None, as_json: bool) -> None:
     with DaemonClient(_socket(rig)) as client:
         answer = client.call("status")
     if as_json:
-        click.echo(json.dumps(answer))
+        echo(json.dumps(answer))
         return
     for key, value in answer.items():
-        click.echo(f"{key:22} {value}")
+        echo(f"{key:22} {value}")
 
 
 @main.command()
@@ -341,7 +342,7 @@ def stop(rig: Path | None, end_daemon: bool) -> None:
                     again.call("shutdown")
     except DaemonSilent as error:
         raise DaemonSilent(f"NOT STOPPED: if the arm moves, cut the motor's power: {error}") from None
-    click.echo("daemon stopped" if end_daemon else "striker stopped")
+    echo("daemon stopped" if end_daemon else "striker stopped")
 
 
 @main.command()
@@ -361,7 +362,7 @@ def recover(file: Path, output: Path | None, force: bool, as_json: bool) -> None
     from acquire.recorder.recover.recover import recover as recover_file
 
     report = recover_file(file, output or default_output(file), replace=force)
-    click.echo(json.dumps(report.as_dict()) if as_json else report.text())
+    echo(json.dumps(report.as_dict()) if as_json else report.text())
     if report.anything_lost:
         sys.exit(3)
 
@@ -383,14 +384,14 @@ def _print_session(report: Any, as_json: bool) -> None:
     if as_json:
         numbers = {"strikes": report.strikes, "frames": report.frames, "lost": report.lost}
         files = {"path": str(report.path), "files": [str(path) for path in report.files]}
-        click.echo(json.dumps({**files, **numbers, "skipped": list(report.skipped)}))
+        echo(json.dumps({**files, **numbers, "skipped": list(report.skipped)}))
     else:
         counts = (
             f"{counted(report.strikes, 'strike')}, {counted(report.frames, 'frame')}, "
             f"{counted(report.lost, 'frame')} lost"
         )
-        click.echo(f"{', '.join(map(str, report.files))}: {counts}")
+        echo(f"{', '.join(map(str, report.files))}: {counts}")
     if report.complaint:
-        click.echo(f"acquire: {report.complaint}", err=True)
+        echo(f"acquire: {report.complaint}", err=True)
     if report.complaint or report.lost:
         sys.exit(3)

@@ -19,6 +19,7 @@ import click
 
 from schemas.document import DocumentError
 from schemas.output_file import OutputError
+from schemas.plain_text import visible, write_escaped
 from schemas.software import software_commit
 
 P = ParamSpec("P")
@@ -83,7 +84,7 @@ class WrongUsage(click.UsageError):
 
     def show(self, file: IO[Any] | None = None) -> None:
         """Write the one-line message to `file`, or to standard error if `file` is None."""
-        click.echo(self.message, file=file, err=file is None)
+        click.echo(visible(self.message), file=file, err=file is None)
 
 
 def _invoked_verb(command: str, ctx: click.Context | None) -> str:
@@ -125,6 +126,7 @@ class Commands(CommandGroup):
         Raises:
             WrongUsage: the arguments are wrong; the message is one line.
         """
+        write_escaped(sys.stdout, sys.stderr)
         with self._one_line_usage():
             return super().make_context(*args, **kwargs)
 
@@ -165,7 +167,7 @@ def one_line_errors(command: str, *problems: type[Exception]) -> Callable[[Calla
 
     def end(code: int, line: str = "") -> NoReturn:
         if line:
-            sys.stderr.write(f"{command}: {line}\n")
+            sys.stderr.write(f"{command}: {visible(line)}\n")
         sys.exit(code)
 
     def decorate(verb: Callable[P, R]) -> Callable[P, R]:

@@ -16,14 +16,11 @@ from rich.progress import TextColumn
 from rich.table import Column, Table
 from rich.text import Text
 
+from schemas.plain_text import visible
+
 _UNLIMITED_WIDTH = 10_000
 _NARROWEST_COLUMN = 6
 """width to which words are broken so that a column that is not to wrap keeps its lines"""
-_VISIBLE = {code: 0x2400 + code for code in range(0x20) if chr(code) not in "\n\t"} | dict.fromkeys(
-    range(0x7F, 0xA0), 0xFFFD
-)
-"""visible signs in place of control characters, which could move the cursor or change colours"""
-
 PlainTextColumn = partial(TextColumn, markup=False)
 """column of a progress bar whose text is printed as it is"""
 
@@ -50,7 +47,7 @@ class Terminal(Console):
 
     def render_str(self, text: str, **options: Any) -> Text:
         """Text as rich prints it, with visible signs in place of control characters."""
-        return super().render_str(text.translate(_VISIBLE), **options)
+        return super().render_str(visible(text), **options)
 
 
 def styled(*parts: str | tuple[str, str]) -> Text:
@@ -60,7 +57,7 @@ def styled(*parts: str | tuple[str, str]) -> Text:
         parts: texts; one to emphasise is given with its style, as in `("failed", "bold red")`.
     """
     pairs = ((part, "") if isinstance(part, str) else part for part in parts)
-    return Text.assemble(*((text.translate(_VISIBLE), style) for text, style in pairs))
+    return Text.assemble(*((visible(text), style) for text, style in pairs))
 
 
 def fold_cells(table: Table, console: Console) -> None:

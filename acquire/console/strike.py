@@ -22,6 +22,7 @@ from acquire.striker.calibration import (
     swing_ratio,
 )
 from schemas.document import DocumentError
+from schemas.plain_text import echo
 from schemas.strike_plan import read_strike_plan
 from schemas.terminal import Terminal
 
@@ -48,7 +49,7 @@ def strike_once(socket: Path, tip_speed_m_s: float, *, yes: bool, as_json: bool)
     with DaemonClient(socket) as client, single_strike.held_striker(client):
         outcome = single_strike.strike_once(client, "single", tip_speed_m_s, _confirm(yes))
     lines = single_strike.outcome_lines(outcome, tip_speed_m_s)
-    click.echo(
+    echo(
         json.dumps({"tip_speed_command_m_s": tip_speed_m_s, **asdict(outcome)})
         if as_json
         else "\n".join(lines)
@@ -82,8 +83,8 @@ def planned_speed(plan_path: Path, strike_id: str, energy: float | None) -> floa
     learner = EnergyLearner(plan)
     speed = learner.tip_speed(planned) if energy is None else learner.speed_for(planned, energy)
     middle, low, high = learner.energy(planned, speed)
-    click.echo(f"{strike_id}: {planned.card}", err=True)
-    click.echo(
+    echo(f"{strike_id}: {planned.card}", err=True)
+    echo(
         f"{speed:.3f} m/s: expected energy ratio {middle:.2f}, 90 % interval {low:.2f} to {high:.2f}",
         err=True,
     )
@@ -140,7 +141,7 @@ def calibrate(
     entries = single_strike.striker_entries(learned)
     if as_json:
         swing_dicts = [_json_swing(each) for each in swings]
-        click.echo(
+        echo(
             json.dumps({"swings": swing_dicts, "swing_ratio": asdict(ratio), "striker": asdict(learned)})
         )
     else:
@@ -148,9 +149,9 @@ def calibrate(
         _print_striker(swings, prior, learned, entries)
     if write and learned is not prior:
         single_strike.write_striker(rig_path, entries)
-        click.echo(f"written to {rig_path}: restart the daemon and plan again", err=True)
+        echo(f"written to {rig_path}: restart the daemon and plan again", err=True)
     elif write:
-        click.echo(
+        echo(
             f"{rig_path} is unchanged: swings in the air do not determine effective mass and restitution",
             err=True,
         )
@@ -163,7 +164,7 @@ def _confirm(yes: bool) -> single_strike.Confirm:
 def _print_swing(swing: MeasuredSwing) -> None:
     target = "in the air" if swing.body_kg is None else f"at {single_strike.body_name(swing.body_kg)}"
     reached = f"reached {swing.speed_m_s:.4f} ± {swing.speed_sd_m_s:.4f} m/s"
-    click.echo(f"{swing.command_m_s:.3f} m/s {target}: {reached}", err=True)
+    echo(f"{swing.command_m_s:.3f} m/s {target}: {reached}", err=True)
 
 
 def _json_swing(swing: MeasuredSwing) -> dict[str, float | str | None]:
@@ -180,12 +181,12 @@ def _print_swing_ratio(swings: list[MeasuredSwing], ratio: SwingRatio) -> None:
         reached = f"{each.mean * command:.4f} ± {each.mean_sd * command:.4f}"
         table.add_row(f"{command:.3f}", reached, f"{each.mean:.4f}", str(len(at_speed)))
     Terminal().print(table)
-    click.echo(
+    echo(
         f"reached / commanded speed: {ratio.mean:.4f} ± {ratio.mean_sd:.4f}, "
         f"scatter between swings {ratio.scatter:.4f}"
     )
     if abs(ratio.mean - 1) > NOTABLE_RATIO_ERROR:
-        click.echo(
+        echo(
             "this ratio is far from 1: raise current_limit_a, enlarge cocked_angle_rad, "
             "or strike more slowly (a session corrects for it in any case)"
         )
@@ -195,14 +196,14 @@ def _print_striker(
     swings: list[MeasuredSwing], prior: StrikerParameters, learned: StrikerParameters, entries: dict[str, str]
 ) -> None:
     if learned is prior:
-        click.echo(
+        echo(
             "effective mass and restitution were not determined: strike a light and a heavy free body, "
             "for example --body-mass-kg 0.03 --body-mass-kg 1"
         )
         return
     if len({each.body_kg for each in swings if each.body_kg is not None}) == 1:
-        click.echo(
+        echo(
             "one body determines only a combination of effective mass and restitution: "
             "strike a second one that is ten times heavier or lighter"
         )
-    click.echo("[striker]\n" + "\n".join(f"{key} = {value}" for key, value in entries.items()))
+    echo("[striker]\n" + "\n".join(f"{key} = {value}" for key, value in entries.items()))

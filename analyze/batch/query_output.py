@@ -18,6 +18,7 @@ from rich.table import Table
 
 from analyze.errors import ArchiveError
 from schemas.output_file import write_bytes
+from schemas.plain_text import csv_cell, json_line
 from schemas.terminal import Terminal
 from schemas.wording import counted
 
@@ -41,7 +42,7 @@ def print_answer(answer: pa.Table, form: str, console: Terminal | None = None) -
     """
     if form == "json":
         for row in answer.to_pylist():
-            sys.stdout.write(_json(row) + "\n")
+            sys.stdout.write(json_line(_json(row)) + "\n")
         return
     if form == "csv":
         sys.stdout.write(_csv(answer).decode())
@@ -99,7 +100,7 @@ def save_answer(answer: pa.Table, path: Path) -> None:
 
 
 def _csv(answer: pa.Table) -> bytes:
-    columns = {name: _flat(answer.column(name)) for name in answer.column_names}
+    columns = {csv_cell(name): _flat(answer.column(name)) for name in answer.column_names}
     buffer = BytesIO()
     pc.write_csv(pa.table(columns), buffer)
     return buffer.getvalue()
@@ -108,11 +109,13 @@ def _csv(answer: pa.Table) -> bytes:
 def _flat(column: pa.ChunkedArray) -> Any:
     """Column in a form that CSV can hold.
 
-    Lists and structures become JSON text, intervals and bytes their Python text; other columns stay as they
-    are, missing values missing.
+    Lists and structures become JSON text, intervals and bytes their Python text, texts no formulas; other
+    columns stay as they are, missing values missing.
     """
     if pa.types.is_nested(column.type):
         text = _json
+    elif pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+        text = csv_cell
     elif pa.types.is_interval(column.type) or pa.types.is_binary(column.type):
         text = str
     else:

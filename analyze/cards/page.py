@@ -24,6 +24,7 @@ from analyze.planning.edge_names import edge_names
 from analyze.planning.footing import IF_IT_FALLS
 from schemas.object_spec import ObjectSpec
 from schemas.output_file import write_text
+from schemas.plain_text import shown_value
 from schemas.strike_plan import PlannedStrike, StrikePlan
 from schemas.wording import counted
 
@@ -190,6 +191,7 @@ def _template() -> Template:
     environment = Environment(
         loader=PackageLoader("analyze.cards"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
+    environment.finalize = shown_value
     environment.globals["counted"] = counted
     return environment.get_template("cards.html")
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-import click
 from rich.table import Table
 
 from analyze.planning.edge_names import edge_names
 from analyze.tags.side_names import side_name
+from schemas.plain_text import echo
 from schemas.terminal import Terminal
 from schemas.wording import counted
 
@@ -30,8 +30,8 @@ def render_import(prepared: PreparedImport) -> list[str]:
         The remarks that were printed.
     """
     Terminal().print(_found_table(prepared) if prepared.found is not None else _table(prepared))
-    click.echo(f"strikes assigned {prepared.assignment.value}{_missing(prepared)}")
-    click.echo(f"{prepared.rate_hz:.6g} frames per second; {prepared.formats}")
+    echo(f"strikes assigned {prepared.assignment.value}{_missing(prepared)}")
+    echo(f"{prepared.rate_hz:.6g} frames per second; {prepared.formats}")
     if prepared.place is not None:
         degrees, millimetres = math.degrees(prepared.place.deviation_rad), 1000 * prepared.place.deviation_m
         scatter = f"{degrees:.2f} deg and {millimetres:.1f} mm"
@@ -43,7 +43,7 @@ def render_import(prepared: PreparedImport) -> list[str]:
             if views == 1
             else f"{counted(views, 'strike')}, which agree within {scatter} (rms)"
         )
-        click.echo(f"the camera's pose comes from the object at rest in {checked}")
+        echo(f"the camera's pose comes from the object at rest in {checked}")
     return _remark(prepared.remarks())
 
 
@@ -121,7 +121,7 @@ def render_written(written: Written, shown: list[str]) -> None:
     """
     _remark([remark for remark in written.remarks if remark not in shown])
     size = f"{written.size / 1e6:.1f} MB"
-    click.echo(
+    echo(
         f"written: {written.path}: {counted(written.strikes, 'strike')}, "
         f"{counted(written.images, 'image')}, {size}; next: `analyze estimate {written.path}`"
     )
@@ -130,7 +130,7 @@ def render_written(written: Written, shown: list[str]) -> None:
 def _remark(lines: list[str]) -> list[str]:
     """Print remarks on the import, one per line, to standard error, and return them unchanged."""
     for line in lines:
-        click.echo(line, err=True)
+        echo(line, err=True)
     return lines
 
 

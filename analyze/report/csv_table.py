@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from schemas.output_file import OutputError, write_text
+from schemas.plain_text import csv_cell
 
 Cell = str | int | float | bool | None
 
@@ -44,9 +45,12 @@ def csv_text(headings: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(headings)
-    writer.writerows([["" if value is None else value for value in row] for row in rows])
+    writer.writerows([_plain(cell) for cell in row] for row in (headings, *rows))
     return text.getvalue()
+
+
+def _plain(cell: Cell) -> Cell:
+    return csv_cell(cell) if isinstance(cell, str) else "" if cell is None else cell
 
 
 def make_folder(folder: Path) -> None:

@@ -13,6 +13,7 @@ from markupsafe import Markup, escape
 from analyze.report.style import svg
 from analyze.report.summary import DEGREES
 from analyze.result.digits import number, open_interval, signed, with_interval
+from schemas.plain_text import shown_value
 from schemas.wording import counted
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ def page_environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("analyze.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
+    environment.finalize = shown_value
     environment.globals["counted"] = counted
     environment.filters.update(
         deg=partial(with_interval, factor=DEGREES),

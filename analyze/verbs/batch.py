@@ -13,6 +13,7 @@ import click
 from analyze.verbs.options import one_line, pass_options, path_option, results_folder_option
 from analyze.verbs.outputs import refuse_outputs
 from schemas.command_line import INTERRUPTED, LOSS, NumberRange
+from schemas.plain_text import echo
 
 if TYPE_CHECKING:
     from analyze.batch.run import BatchOptions, Work
@@ -173,8 +174,8 @@ def batch(arguments: _BatchArguments) -> None:
     work = plan_work(find_sources(arguments.paths, arguments.exclude), arguments.output, settings, options)
     if arguments.dry_run:
         for source in work.todo:
-            click.echo(source.url)
-        click.echo(f"{len(work.todo)} to analyse, {len(work.unchanged)} unchanged", err=True)
+            echo(source.url)
+        echo(f"{len(work.todo)} to analyse, {len(work.unchanged)} unchanged", err=True)
         return
     _run(work, arguments.output, settings, options)
 
@@ -213,4 +214,4 @@ def _summarise(output: Path, save: Path | None) -> None:
         render_summary(summary)
         return
     for path in save_summary(summary, save):
-        click.echo(f"summary: {path}")
+        echo(f"summary: {path}")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from analyze.verbs.options import one_line
+from schemas.plain_text import echo
 from schemas.wording import counted
 
 if TYPE_CHECKING:
@@ -33,21 +34,21 @@ def cache(as_list: bool, clear: bool, as_json: bool) -> None:
     path = default_folder()
     if path is None:
         text = f"cache: switched off: {FOLDER_VARIABLE} is empty, or there is no home folder"
-        click.echo(json.dumps({"folder": None}) if as_json else text)
+        echo(json.dumps({"folder": None}) if as_json else text)
         return
     folder = CacheFolder(path)
     if clear:
         removed = folder.clear()
         text = f"cache: {path}: {counted(removed, 'entry')} removed"
-        click.echo(json.dumps({"folder": str(path), "removed": removed}) if as_json else text)
+        echo(json.dumps({"folder": str(path), "removed": removed}) if as_json else text)
         return
     entries = folder.entries()
     if as_json:
-        click.echo(json.dumps(_as_json(folder, entries)))
+        echo(json.dumps(_as_json(folder, entries)))
         return
     size = sum(entry.size_bytes for entry in entries)
     limit = folder.max_bytes / _MEGA
-    click.echo(f"cache: {path}: {counted(len(entries), 'entry')}, {size / _MEGA:.1f} of {limit:.0f} MB")
+    echo(f"cache: {path}: {counted(len(entries), 'entry')}, {size / _MEGA:.1f} of {limit:.0f} MB")
     if as_list and entries:
         _render(entries)
 

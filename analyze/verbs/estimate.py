@@ -10,6 +10,7 @@ import click
 from analyze.verbs.estimate_files import estimate_files
 from analyze.verbs.options import files_argument, one_line, path_option, with_estimate_options
 from analyze.verbs.outputs import refuse_outputs
+from schemas.plain_text import echo, json_line
 from schemas.wording import counted
 
 
@@ -36,13 +37,13 @@ def estimate(
 
         write_voxels(answer.estimate.voxels, voxels)
         cells, directions = len(answer.estimate.voxels.points), answer.estimate.voxels.directions
-        click.echo(
+        echo(
             f"voxels: {voxels}: {counted(cells, 'cell')}; the strikes determine "
             f"{counted(directions, 'number')} of them",
             err=True,
         )
     if as_json:
-        click.echo(answer.json())
+        echo(json_line(answer.json()))
     else:
         from analyze.report.summary import render_summary
 

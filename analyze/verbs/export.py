@@ -12,6 +12,7 @@ from analyze.errors import ExportError
 from analyze.export.formats import Format, why_misnamed
 from analyze.verbs.options import chosen_cache, files_argument, one_line, path_option, with_estimate_options
 from analyze.verbs.outputs import refuse_outputs
+from schemas.plain_text import echo
 
 if TYPE_CHECKING:
     from analyze.export.export_source import ExportInput
@@ -62,7 +63,7 @@ def export(
 
         refuse_outputs([output], files)
         write_layout(files, output)
-        click.echo(f"FOXGLOVE: {output}; import it in Foxglove's menu of layouts")
+        echo(f"FOXGLOVE: {output}; import it in Foxglove's menu of layouts")
         return
     from analyze.export.export_source import is_result, read_export_input
     from analyze.export.gazebo import refuse_other_folder
@@ -108,16 +109,16 @@ def _write(source: ExportInput, kind: Format, output: Path, name: str) -> None:
     written = write_body(body, kind, output)
     marks = "" if output.suffix.lower() == ".json" else "; the file marks them"
     if not result.centre_of_mass.observed:
-        click.echo(
+        echo(
             "note: the strikes do not determine the centre of mass in all directions"
             + ("; the file names the one missing" if marks else ""),
             err=True,
         )
     if prior := prior_entries(result):
         entries = ", ".join(map(tensor_entry_name, prior))
-        click.echo(f"note: from the shape, not from strikes: {entries}{marks}", err=True)
+        echo(f"note: from the shape, not from strikes: {entries}{marks}", err=True)
     if (friction := body.friction) is not None:
-        click.echo(f"note: friction {friction:g} is the rig file's table_friction, not measured", err=True)
+        echo(f"note: friction {friction:g} is the rig file's table_friction, not measured", err=True)
     where = "in it" if kind is Format.GAZEBO else "beside it"
     beside = "".join(f", with {path.name} {where}" for path in written[1:])
-    click.echo(f"{kind.value.upper()}: {written[0]}{beside}; read back: the same ten parameters")
+    echo(f"{kind.value.upper()}: {written[0]}{beside}; read back: the same ten parameters")

@@ -11,6 +11,7 @@ import click
 
 from analyze.errors import AnalyzeError
 from schemas.command_line import one_line_errors
+from schemas.plain_text import echo
 
 if TYPE_CHECKING:
     from analyze.cache.results import ResultCache
@@ -72,7 +73,7 @@ def chosen_cache(no_cache: bool) -> ResultCache | None:
         return None
     from analyze.cache.results import user_cache
 
-    return user_cache(lambda text: click.echo(f"analyze: {text}", err=True))
+    return user_cache(lambda text: echo(f"analyze: {text}", err=True))
 
 
 def pass_options(kind: type[Options]) -> Callable[[Callable[[Options], None]], Callable[..., None]]:

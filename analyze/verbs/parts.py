@@ -13,6 +13,7 @@ import click
 
 from analyze.errors import ShapeError
 from analyze.verbs.options import one_line
+from schemas.plain_text import echo
 from schemas.wording import counted
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ def parts(object_file: Path, as_json: bool) -> None:
     """List the bodies in an object's mesh, with the numbers by which its [[labels]] name them."""
     files, bodies = read_bodies(object_file)
     if as_json:
-        click.echo(json.dumps(bodies_json(files, bodies), allow_nan=False))
+        echo(json.dumps(bodies_json(files, bodies), allow_nan=False))
     else:
         render_bodies(files, bodies)
 

@@ -9,6 +9,7 @@ import click
 
 from analyze.verbs.options import one_line, pass_options, path_option
 from analyze.verbs.outputs import refuse_outputs
+from schemas.plain_text import echo
 
 
 @dataclass(frozen=True)
@@ -66,12 +67,12 @@ def print_tags(options: _PrintTagsOptions) -> None:
             None,
             options.paper,
         )
-        click.echo(printing.print_board(board, options.output))
+        echo(printing.print_board(board, options.output))
     else:
         tags = printing.PrintOptions(
             options.family, options.ids, options.size_mm, options.object_file, options.paper
         )
-        click.echo(printing.print_tags(tags, options.output))
+        echo(printing.print_tags(tags, options.output))
 
 
 def _refuse_contradictions(options: _PrintTagsOptions) -> None:

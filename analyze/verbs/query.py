@@ -8,6 +8,7 @@ import click
 
 from analyze.verbs.options import one_line, path_option, results_folder_option
 from analyze.verbs.outputs import refuse_outputs
+from schemas.plain_text import echo
 
 
 @click.command()
@@ -31,6 +32,6 @@ def query(sql: str, output: Path, as_csv: bool, as_json: bool, save: Path | None
     answer = run_query(output, sql)
     if save is not None:
         save_answer(answer, save)
-        click.echo(f"answer: {save}")
+        echo(f"answer: {save}")
         return
     print_answer(answer, "csv" if as_csv else "json" if as_json else "table")

@@ -14,6 +14,7 @@ import click
 from analyze.verbs.options import chosen_cache, one_line, pass_options, path_option, with_estimate_options
 from analyze.verbs.outputs import refuse_outputs
 from schemas.command_line import PROBLEM
+from schemas.plain_text import echo
 
 if TYPE_CHECKING:
     from analyze.reading.recording_file import RecordingFile
@@ -109,7 +110,7 @@ def _replay_in_rerun(recording: RecordingFile, arguments: _ReplayArguments) -> N
         except ViewerClosed:
             return
         for problem in replayed.problems:
-            click.echo(f"analyze: {problem}", err=True)
+            echo(f"analyze: {problem}", err=True)
         if isinstance(target, ToFile) and arguments.screenshot is not None:
             from analyze.replay.layout import timeline_of
             from analyze.replay.picture import screenshot as take_picture
@@ -120,7 +121,7 @@ def _replay_in_rerun(recording: RecordingFile, arguments: _ReplayArguments) -> N
                 target.wait()
     for path in (arguments.save, arguments.screenshot):
         if path is not None:
-            click.echo(f"replay: {path}")
+            echo(f"replay: {path}")
     if replayed.problems:
         sys.exit(PROBLEM)
 
@@ -138,7 +139,7 @@ def _animate(recording: RecordingFile, output: Path, arguments: _ReplayArguments
 
     with ProgressBar() as progress:
         shown = animate_strike(recording, output, arguments.page, arguments.object_file, progress)
-    click.echo(f"animation: {output}: {shown}")
+    echo(f"animation: {output}: {shown}")
 
 
 def _open_target(
@@ -157,7 +158,7 @@ def _open_target(
     if not arguments.web:
         return stack.enter_context(to_window(size, arguments.headless_port))
     browser = to_browser(
-        size, lambda address: click.echo(f"replay: {address}"), open_browser=not arguments.no_browser
+        size, lambda address: echo(f"replay: {address}"), open_browser=not arguments.no_browser
     )
     return stack.enter_context(browser)
 

@@ -12,6 +12,7 @@ import click
 from analyze.verbs.estimate_files import compare_files, estimate_files
 from analyze.verbs.options import chosen_cache, files_argument, one_line, path_option, with_estimate_options
 from analyze.verbs.outputs import refuse_outputs
+from schemas.plain_text import echo, json_line
 
 if TYPE_CHECKING:
     from analyze.report.csv_table import CsvTable
@@ -62,13 +63,13 @@ def report(
     page = make(files, object_file, exclude, no_cache)
     if output is not None:
         page.write(output)
-        click.echo(f"report: {output}", err=as_json)
+        echo(f"report: {output}", err=as_json)
     if csv_folder is not None:
         tables = page.tables()
         write_tables(tables, csv_folder)
-        click.echo(f"tables: {csv_folder}: {', '.join(table.name for table in tables)}", err=as_json)
+        echo(f"tables: {csv_folder}: {', '.join(table.name for table in tables)}", err=as_json)
     if as_json:
-        click.echo(page.json())
+        echo(json_line(page.json()))
 
 
 def _page_path(files: Sequence[Path], output: Path | None, compare: bool, as_json: bool) -> Path | None:

@@ -11,6 +11,7 @@ from analyze.errors import EstimationError
 from analyze.verbs.options import one_line, path_option
 from analyze.verbs.outputs import refuse_outputs
 from schemas.command_line import CommandGroup
+from schemas.plain_text import echo
 
 
 @click.group(cls=CommandGroup)
@@ -40,12 +41,12 @@ def cube_tosses(data: Path | None, plot: Path | None, as_json: bool) -> None:
     with ProgressBar() as progress:
         answer = analyse_tosses(tosses, progress)
     if as_json:
-        click.echo(json.dumps(answer_json(answer), allow_nan=False))
+        echo(json.dumps(answer_json(answer), allow_nan=False))
     else:
         render_cube(answer)
     if plot is not None:
         write_figure(cube_figure(answer), plot)
-        click.echo(f"plot: {plot}", err=as_json)
+        echo(f"plot: {plot}", err=as_json)
 
 
 @reproduce.command("paper")
@@ -87,5 +88,5 @@ def paper(recordings: tuple[Path, ...], out: Path) -> None:
         )
     page = write_page(records, out)
     render_table(targets_table(records))
-    click.echo(summary(records))
-    click.echo(f"page: {page}")
+    echo(summary(records))
+    echo(f"page: {page}")

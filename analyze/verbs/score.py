@@ -10,6 +10,7 @@ import click
 
 from analyze.verbs.estimate_files import estimate_files
 from analyze.verbs.options import files_argument, one_line, with_estimate_options
+from schemas.plain_text import echo
 
 
 @click.command()
@@ -26,6 +27,6 @@ def score(
     refuse_without_truth(files)
     result = score_answer(files[0], estimate_files(files, object_file, exclude, no_cache))
     if as_json:
-        click.echo(json.dumps(result, allow_nan=False))
+        echo(json.dumps(result, allow_nan=False))
     else:
         render_score(result)

@@ -10,6 +10,7 @@ import click
 
 from analyze.verbs.options import one_line, path_option
 from analyze.verbs.outputs import refuse_outputs
+from schemas.plain_text import echo
 
 if TYPE_CHECKING:
     from analyze.geometry.object_model import ObjectModel
@@ -42,14 +43,14 @@ def shape(object_file: Path, output: Path | None, as_json: bool) -> None:
         write_bytes(output, exterior_stl(model))
     found = describe_shape(model, files.spec)
     if as_json:
-        click.echo(json.dumps(found, allow_nan=False))
+        echo(json.dumps(found, allow_nan=False))
         return
     size = " x ".join(f"{_MILLI * length:.1f}" for length in found["size_m"])
-    click.echo(f"{found['name']}: {size} mm, {_CUBIC_CM * found['volume_m3']:.4g} cm³")
+    echo(f"{found['name']}: {size} mm, {_CUBIC_CM * found['volume_m3']:.4g} cm³")
     faces = counted(found["faces"], "face")
-    click.echo(f"mean density {found['density_kg_m3']:.0f} kg/m³, {faces}, {found['form']}")
+    echo(f"mean density {found['density_kg_m3']:.0f} kg/m³, {faces}, {found['form']}")
     for note in found["notes"]:
-        click.echo(f"note: {note}")
+        echo(f"note: {note}")
 
 
 def describe_shape(model: ObjectModel, spec: ObjectSpec) -> dict[str, Any]:

@@ -12,6 +12,7 @@ import click
 from analyze.verbs.options import force_option, one_line, pass_options, path_option
 from analyze.verbs.outputs import refuse_outputs
 from schemas.command_line import NumberRange
+from schemas.plain_text import echo
 
 if TYPE_CHECKING:
     from analyze.cameras.calibrate import CalibrateOptions, CalibrationAnswer
@@ -122,9 +123,9 @@ def calibrate(arguments: _CalibrateArguments) -> None:
         answer = calibrate_camera(options, progress)
     if picture is not None:
         write_picture(answer.calibration, picture)
-        click.echo(f"picture: {picture}", err=True)
+        echo(f"picture: {picture}", err=True)
     if arguments.as_json:
-        click.echo(json.dumps(calibration_json(answer), allow_nan=False))
+        echo(json.dumps(calibration_json(answer), allow_nan=False))
     answer.refuse_undetermined()
     if not arguments.as_json:
         render_calibration(answer)
@@ -197,11 +198,11 @@ def _write_files(answer: CalibrationAnswer, arguments: _CalibrateArguments) -> N
 
     if arguments.output is not None:
         write_calibration(answer, arguments.output)
-        click.echo(
+        echo(
             f"calibration: {arguments.output}: for --camera of `analyze plan` and `analyze import`, or for "
             "the rig file (--rig RIG.toml --write)",
             err=arguments.as_json,
         )
     if arguments.write and arguments.rig is not None:
         write_into_rig(answer, arguments.rig)
-        click.echo(f"written to {arguments.rig}: restart the daemon, and plan anew", err=True)
+        echo(f"written to {arguments.rig}: restart the daemon, and plan anew", err=True)

@@ -10,6 +10,7 @@ import click
 
 from analyze.verbs.options import one_line, pass_options, path_option
 from schemas.command_line import NumberRange
+from schemas.plain_text import echo
 
 
 @dataclass(frozen=True)
@@ -101,6 +102,6 @@ def frame_rate(arguments: _FrameRateArguments) -> None:
     )
     with ProgressBar() as progress:
         answer = measure_drop(options, progress)
-    click.echo(
+    echo(
         json.dumps(drop_json(answer), allow_nan=False) if arguments.as_json else "\n".join(drop_text(answer))
     )

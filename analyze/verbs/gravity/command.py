@@ -10,6 +10,7 @@ import click
 from analyze.verbs.options import one_line, path_option
 from analyze.verbs.outputs import refuse_outputs
 from schemas.command_line import NumberRange
+from schemas.plain_text import echo
 
 
 @click.command()
@@ -56,12 +57,12 @@ def gravity(
         answer = read_gravity(GravityOptions(inputs, rig, radians(camera_sd_deg)), progress)
     if picture is not None:
         write_plumb_picture(answer.first, answer.lines, answer.camera, picture)
-        click.echo(f"picture: {picture}", err=True)
+        echo(f"picture: {picture}", err=True)
     if as_json:
-        click.echo(json.dumps(gravity_json(answer), allow_nan=False))
+        echo(json.dumps(gravity_json(answer), allow_nan=False))
     else:
-        click.echo("\n".join(gravity_text(answer)))
+        echo("\n".join(gravity_text(answer)))
     answer.refuse_undetermined()
     if write and rig is not None:
         write_level(answer, rig)
-        click.echo(f"written to {rig}: restart the daemon", err=True)
+        echo(f"written to {rig}: restart the daemon", err=True)

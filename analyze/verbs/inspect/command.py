@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from analyze.verbs.options import one_line
+from schemas.plain_text import echo
 
 
 @click.command()
@@ -23,6 +24,6 @@ def inspect(file: Path, as_json: bool) -> None:
     with ProgressBar() as progress:
         inspection = inspect_recording(file, progress)
     if as_json:
-        click.echo(json.dumps(inspection, allow_nan=False))
+        echo(json.dumps(inspection, allow_nan=False))
     else:
         render_inspection(inspection)

@@ -11,6 +11,7 @@ import click
 from analyze.verbs.options import one_line, pass_options, path_option
 from analyze.verbs.outputs import refuse_outputs
 from schemas.command_line import NumberRange
+from schemas.plain_text import echo, json_line
 
 if TYPE_CHECKING:
     from analyze.verbs.plan.plan_object import PlannedObject
@@ -137,15 +138,15 @@ def plan(arguments: _PlanArguments) -> None:
         progress("drawing the cards", STEPS - 1, STEPS)
         page = _write(planned, arguments)
     if arguments.as_json:
-        click.echo(planned.plan.model_dump_json())
+        echo(json_line(planned.plan.model_dump_json()))
     else:
         render_plan(planned.plan, by_hand=arguments.camera is not None)
     if page is not None:
-        click.echo(
+        echo(
             f"cards: {page}: a page per strike, to print (--no-cards leaves them out)", err=arguments.as_json
         )
     if (scenes := arguments.scenes) is not None:
-        click.echo(
+        echo(
             f"rerun: {scenes}: a step of the timeline per strike; open it with `rerun {scenes}`",
             err=arguments.as_json,
         )

@@ -9,6 +9,7 @@ import click
 
 from analyze.verbs.options import force_option, one_line, path_option
 from analyze.verbs.outputs import refuse_outputs
+from schemas.plain_text import echo
 
 
 @click.command()
@@ -41,7 +42,7 @@ def rebase(
         refuse_outputs(outputs, [recording], [object_path], force=force)
     prepared = prepare_rebase(recording, object_path)
     if as_json:
-        click.echo(json.dumps(rebase_json(prepared), allow_nan=False))
+        echo(json.dumps(rebase_json(prepared), allow_nan=False))
     else:
         render_rebase(prepared)
     prepared.refuse_moved_edges()
@@ -50,4 +51,4 @@ def rebase(
     with ProgressBar() as progress:
         written = write_rebase(prepared, output, progress, replace=force)
     names = ", ".join(map(str, written))
-    click.echo(f"written: {names}: images unchanged; next: `analyze estimate {output}`", err=as_json)
+    echo(f"written: {names}: images unchanged; next: `analyze estimate {output}`", err=as_json)

@@ -17,6 +17,7 @@ from analyze.verbs.options import (
     with_strike_options,
 )
 from analyze.verbs.outputs import refuse_outputs
+from schemas.plain_text import echo
 
 
 @dataclass(frozen=True)
@@ -88,17 +89,17 @@ def register(arguments: _RegisterArguments) -> None:
     with ProgressBar() as progress:
         answer = register_recordings(arguments.files, options, progress)
     if arguments.as_json:
-        click.echo(json.dumps(registration_json(answer), allow_nan=False))
+        echo(json.dumps(registration_json(answer), allow_nan=False))
     refuse_undetermined(answer)
     if not arguments.as_json:
         render_registration(answer)
     if output is not None:
         written = write_object(answer, output)
         named = ", ".join(map(str, written))
-        click.echo(
+        echo(
             f"object: {output}: poses of markers {named}; use it with estimate and report: --object {output}",
             err=arguments.as_json,
         )
     if rig is not None:
         write_table(answer, rig)
-        click.echo(f"written to {rig}: restart the daemon, and plan anew{level_note(rig)}", err=True)
+        echo(f"written to {rig}: restart the daemon, and plan anew{level_note(rig)}", err=True)
