@@ -372,7 +372,7 @@ def _axis_solution(
     arm = arm - plane.direction * (arm @ plane.direction)
     square = float(arm @ arm)
     lines = [plane.point, plane.point + arm, plane.point + 2 * arm]
-    # In units of the arm's square, for determinant and solution alike: what one finds regular, the other does.
+    # In units of the arm's square for both determinant and solution: what one finds regular, the other does.
     moments = np.stack([_moments(sweep, line, plane.direction) for line in lines], axis=1) / square
     solvable = np.abs(np.linalg.det(moments)) > MIN_DETERMINANT
     values = i_edge * np.linspace(1 - I_RANGE, 1 + I_RANGE, I_STEPS)

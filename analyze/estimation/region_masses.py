@@ -29,6 +29,8 @@ THICKNESS_STRIDE, EXAMINED_LOG_EVIDENCE = 3, 5.0
 their neighbours are examined too."""
 LUMP_SHAPE_ERROR = 0.01
 """Error of a region's mass over the object's mass, since a lump is no ball of one density."""
+MIN_FILLED_DRAWS = 50
+"""Fewest draws without an empty part that count in the intervals beside the others."""
 THICKNESS_DRAWS = 4000
 """Number of draws of the thickness."""
 
@@ -301,14 +303,19 @@ def _distribution(
 def _intervals(masses: Array, sd: Array) -> Array:
     """Shortest 95 % intervals (3, 2) [kg] of the regions' masses.
 
-    Half of the prior expects an empty part, so that nearly all draws of a part can be zero. An interval that
-    begins at zero therefore ends no lower than it would without this prior: at 1.96 sd.
+    Half of the prior expects an empty part, so that nearly all draws of a part can be zero, and what remains
+    of the other half vanish from the intervals. They therefore also hold for the draws without an empty part,
+    and one that begins at zero ends no lower than at 1.96 sd.
 
     Args:
         masses: (n, 3) draws [kg].
         sd: (3,) standard deviations of the masses [kg] for the best plane, before truncation at zero.
     """
     low, high = shortest_intervals(masses, 0.0)
+    filled = masses[(masses > 0).all(axis=1)]
+    if len(filled) >= MIN_FILLED_DRAWS:
+        other_low, other_high = shortest_intervals(filled, 0.0)
+        low, high = np.minimum(low, other_low), np.maximum(high, other_high)
     return np.stack([low, np.where(low > 0, high, np.maximum(high, SIGMAS_95 * sd))], axis=1)
 
 

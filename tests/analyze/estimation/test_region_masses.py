@@ -7,7 +7,7 @@ from analyze.estimation.cells import cells_from_voxels, moments_about
 from analyze.estimation.equiplane import equiplane_from_fit
 from analyze.estimation.mass_properties import AxisInertia, CentreOfMass, InertialParameters
 from analyze.estimation.paper import paper_regions
-from analyze.estimation.region_masses import mass_distribution
+from analyze.estimation.region_masses import _intervals, mass_distribution
 from analyze.geometry.object_model import load_object_model
 from analyze.geometry.voxels import voxelise
 from schemas.object_spec import Box, MarkerSpec, ObjectSpec, Shape
@@ -186,3 +186,15 @@ def test_cells_keep_volume_centroid_and_moments_of_the_solid():
     assert np.linalg.norm(cells.centroid - model.centroid) < 1e-4
     moments = moments_about(cells, cells.volumes / cells.volumes.sum(), model.centroid)
     assert np.diag(moments) == pytest.approx(np.diag(model.unit_inertia), rel=0.01)
+
+
+def test_draws_with_an_empty_part_do_not_hide_the_others():
+    """Five draws in six have an empty lower part; the moments allow 20 % of the mass in it."""
+    rng = np.random.default_rng(1)
+    lower = np.concatenate([np.zeros(2500), rng.uniform(0.0, 0.2, 500)])
+    shell = rng.normal(0.4, 0.01, 3000)
+    masses = np.stack([shell, 1.0 - shell - lower, lower], axis=1)
+    low, high = _intervals(masses, np.full(3, 0.005)).T
+    assert low[2] == 0.0
+    assert high[2] > 0.18
+    assert low[1] < 0.43
