@@ -19,6 +19,7 @@ from analyze.geometry.rotations import apply
 from analyze.replay.body import flat_mesh
 from analyze.replay.layout import scene_view, without_panels
 from analyze.replay.markdown import as_written, message
+from analyze.replay.stream_file import finish_file
 from analyze.tags import families
 from analyze.tags.sheet import black_rectangles
 from analyze.types import Array, CameraModel
@@ -61,9 +62,7 @@ def write_card_scenes(
             stream.save(part, default_blueprint=_layout(model))
             stream.send_recording_name(f"{plan.object_name}: {counted(len(plan.strikes), 'strike')}")
             log_scenes(stream, plan, model, spec, camera)
-            stream.flush()
-            stream.disconnect()
-        part.replace(output)
+            finish_file(stream, part, output)
     except OSError as error:
         raise OutputError(f"{output}: cannot be written: {error.strerror}: choose another place") from None
     finally:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import pyarrow as pa
 
+from analyze.replay.stream_file import finish_file
 from analyze.replay.viewer import ReplayError, Viewer, native_viewer, web_viewer
 
 if TYPE_CHECKING:
@@ -172,10 +173,12 @@ class ToFile:
         """Do nothing: a file cannot be closed by the user."""
 
     def sent(self, stream: rr.RecordingStream) -> None:
-        """Flush and close the stream, and rename the temporary file `part` to `output`."""
-        stream.flush()
-        stream.disconnect()
-        self._part.replace(self.output)
+        """Flush and close the stream, and rename the temporary file `part` to `output`.
+
+        Raises:
+            OutputError: the file could not be written to its end.
+        """
+        finish_file(stream, self._part, self.output)
 
 
 @contextmanager
