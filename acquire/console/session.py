@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 import sys
 import threading
 from pathlib import Path
 
 from rich.progress import BarColumn, Progress, TimeElapsedColumn
 
-from acquire.daemon.client import DaemonClient
+from acquire.daemon.operator_client import OperatorClient
 from acquire.errors import AcquireError
 from schemas.terminal import PlainTextColumn, Terminal
 
@@ -80,9 +79,8 @@ class ConsoleOperator:
     """
 
     def __init__(self, socket: Path, progress: SessionProgress) -> None:
-        self._socket = socket
         self._progress = progress
-        self._listener = DaemonClient(socket)
+        self._daemon = OperatorClient(socket)
         # A daemon thread, because it may wait in readline for ever.
         self._thread = threading.Thread(target=self._run, name="console-operator", daemon=True)
 
@@ -91,11 +89,11 @@ class ConsoleOperator:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._listener.close()
+        self._daemon.close()
 
     def _run(self) -> None:
-        with contextlib.suppress(AcquireError, OSError), DaemonClient(self._socket) as answers:
-            for event in self._listener.events():
+        try:
+            for event in self._daemon.events():
                 if event["event"] == "trouble":
                     self._progress.print_line(f"trouble: {event['text']}")
                 if event["event"] != "prompt":
@@ -107,4 +105,6 @@ class ConsoleOperator:
                 )
                 stop = line.strip().lower() == "q" or not line
                 text = "stopped at the terminal" if stop else ""
-                answers.call("prompt.answer", prompt_id=event["prompt_id"], ok=not stop, text=text)
+                self._daemon.answer(event["prompt_id"], ok=not stop, text=text)
+        except AcquireError as error:
+            self._progress.print_line(f"trouble: prompts are no longer shown: {error}; end with Ctrl-C")

@@ -126,6 +126,10 @@ class DaemonClient:
             AcquireError: the daemon did not accept the subscription.
         """
         self.call("subscribe")
+        yield from self.subscribed_events()
+
+    def subscribed_events(self) -> Iterator[dict[str, Any]]:
+        """Yield the daemon's events after the call `subscribe`, as `events` does."""
         self._socket.settimeout(None)  # the time between two events is unlimited
         with contextlib.suppress(OSError, ValueError):
             while line := self._stream.readline():

@@ -88,7 +88,11 @@ class Daemon:
         service = ServiceManager.from_environment()  # before there are child processes
         with contextlib.ExitStack() as cleanup:
             self._server = ApiServer(
-                self._config.daemon.socket_path(), self._handlers(), urgent=URGENT, complain=self._complain
+                self._config.daemon.socket_path(),
+                self._handlers(),
+                urgent=URGENT,
+                complain=self._complain,
+                greet=self._prompts.repeat,
             )
             cleanup.callback(self._server.close)
             cleanup.callback(self._prompts.close)

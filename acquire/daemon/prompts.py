@@ -21,6 +21,8 @@ class Prompts:
     def __init__(self, publish: Callable[[str, dict[str, Any]], None]) -> None:
         self._publish = publish
         self._numbers = itertools.count(1)
+        self._questions: dict[int, dict[str, Any]] = {}
+        """content of each question that waits for an answer, by its number"""
         self._answers: dict[int, dict[str, Any] | None] = {}
         """answer of each question that waits for one, by its number; None while it is open"""
         self._changed = threading.Condition()
@@ -45,19 +47,26 @@ class Prompts:
                 raise SessionError(f'a question needs "{key}", a text: {{"kind": "place", "text": "..."}}')
         with self._changed:
             number = next(self._numbers)
-            self._answers[number] = None
-        self._publish("prompt", {"prompt_id": number, **params})
+            self._answers[number], self._questions[number] = None, {"prompt_id": number, **params}
+        self._publish("prompt", self._questions[number])
         with self._changed:
             while (answer := self._answers[number]) is None:
                 if self._closed or connection.gone:
-                    del self._answers[number]
+                    del self._answers[number], self._questions[number]
                     raise SessionError(
                         "the question was not answered: "
                         "the daemon is stopping, or the client that asked has left"
                     )
                 self._changed.wait(0.5)
-            del self._answers[number]
+            del self._answers[number], self._questions[number]
             return answer
+
+    def repeat(self, connection: Connection) -> None:
+        """Send the open questions to a client that has just subscribed: it may have missed them."""
+        with self._changed:
+            for number, answer in self._answers.items():
+                if answer is None:
+                    connection.publish({"event": "prompt", **self._questions[number]})
 
     def answer(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
         """Answer an open question on behalf of a client.

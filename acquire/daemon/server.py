@@ -69,6 +69,7 @@ class ApiServer:
         served_uid: id of the user whose processes are served; None: the user of this process.
         urgent: methods that are carried out even when all places are taken.
         complain: called with a line for the user when connections cannot be taken, at most once a minute.
+        greet: called with every connection that has just subscribed to events.
 
     Raises:
         DaemonBusy: a daemon listens at `path` already.
@@ -82,10 +83,11 @@ class ApiServer:
         served_uid: int | None = None,
         urgent: Collection[str] = (),
         complain: Callable[[str], None] = lambda _: None,
+        greet: Callable[[Connection], None] = lambda _: None,
     ) -> None:
         self._path = path
         self._handlers = handlers
-        self._urgent, self._complain = frozenset(urgent), complain
+        self._urgent, self._complain, self._greet = frozenset(urgent), complain, greet
         self._clients: dict[Connection, threading.Thread] = {}
         self._reserve = ThreadPoolExecutor(RESERVE, thread_name_prefix="api-urgent")
         self._urgent_connections: set[Connection] = set()
@@ -266,6 +268,7 @@ class ApiServer:
             method, params = request["method"], request.get("params", {})
             if method == "subscribe":
                 connection.subscribe()
+                self._greet(connection)
                 return request_id, {"result": {}}
             handler = self._handlers.get(method)
             if handler is None:

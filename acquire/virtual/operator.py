@@ -10,16 +10,16 @@ hand, an operator who forgets. In a rehearsal it only places the object, and a p
 
 from __future__ import annotations
 
-import contextlib
 import threading
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from acquire.daemon.client import DaemonClient
+from acquire.daemon.operator_client import OperatorClient
 from acquire.errors import AcquireError
 from acquire.virtual.operator_link import OperatorLink
+from acquire.virtual.processes import end_rig
 
 POSITION_SD_M = 0.0005
 """standard deviation of the object's position [m], along x and y"""
@@ -44,11 +44,10 @@ class VirtualOperator:
     """
 
     def __init__(self, daemon_socket: Path, world: OperatorLink, seed: int, *, answers: bool = True) -> None:
-        self._daemon_socket = daemon_socket
         self._answers = answers
         self._world = world
         self._rng = np.random.default_rng((seed, 0x0E7A))
-        self._listener = DaemonClient(daemon_socket)
+        self._daemon = OperatorClient(daemon_socket)
         self._thread = threading.Thread(target=self._run, name="virtual-operator")
         self._thread.start()
 
@@ -59,27 +58,29 @@ class VirtualOperator:
 
     def close(self) -> None:
         """Stop answering: close the connection to the daemon and wait for the thread to end."""
-        self._listener.close()
+        self._daemon.close()
         self._thread.join()
 
     def _run(self) -> None:
-        with contextlib.suppress(AcquireError), DaemonClient(self._daemon_socket) as answers:
-            for event in self._listener.events():
+        try:
+            for event in self._daemon.events():
                 if event["event"] == "prompt" and event["kind"] == "place":
                     if event.get("heading_rad"):
                         text = (
                             "the virtual striker stands on one side of the pivot line only: "
                             "plan without turned strikes (without --gravity)"
                         )
-                        answers.call("prompt.answer", prompt_id=event["prompt_id"], ok=False, text=text)
+                        self._daemon.answer(event["prompt_id"], ok=False, text=text)
                         continue
                     try:
                         self._place(event)
                     except AcquireError as error:  # nobody else would answer, and the session wait for ever
-                        answers.call("prompt.answer", prompt_id=event["prompt_id"], ok=False, text=str(error))
+                        self._daemon.answer(event["prompt_id"], ok=False, text=str(error))
                         return
                     if self._answers:
-                        answers.call("prompt.answer", prompt_id=event["prompt_id"], ok=True)
+                        self._daemon.answer(event["prompt_id"], ok=True)
+        except AcquireError as error:
+            end_rig(error)  # a session would wait for ever for an answer
 
     def _place(self, prompt: dict[str, Any]) -> None:
         yaw = self._rng.normal(0.0, YAW_SD_RAD)

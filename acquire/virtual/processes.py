@@ -90,6 +90,11 @@ class _Interruption:
 _interruption = _Interruption()
 
 
+def end_rig(reason: AcquireError) -> None:
+    """End the block of `interruptible` with an error, from another thread; do nothing without that block."""
+    _interruption.fail(reason)
+
+
 @contextlib.contextmanager
 def interruptible() -> Iterator[None]:
     """Let SIGTERM and SIGHUP raise KeyboardInterrupt in the block, as Ctrl-C (SIGINT) does.
@@ -173,7 +178,7 @@ def _watched(name: str, process: subprocess.Popen[str], error_path: Path) -> Ite
         while not leaving.is_set():
             if select.select([descriptor], [], [], _POLL_S)[0] and not leaving.is_set():
                 reason = _reason(process, error_path)
-                _interruption.fail(AcquireError(f"the {name} ended unexpectedly: {reason}: start again"))
+                end_rig(AcquireError(f"the {name} ended unexpectedly: {reason}: start again"))
                 return
 
     watcher = threading.Thread(target=watch, name=f"watch-{name}")
