@@ -108,6 +108,7 @@ class SessionRunner:
             self._report(f"{self._input.plan_path}: {problem}: {self._input.replan_advice}")
         event: events.Event = events.Started()
         try:
+            self._report(f"homing the striker{waits.at_most(waits.HOME_TIMEOUT_S)}")
             self._client.call("striker.home", after_stop=False)
             while True:
                 for action in self._machine.handle(event):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from acquire.session.machine import State
+from acquire.striker.base import StrikerState
+from acquire.striker.states import GUARD_S
 from schemas.proto import percuss_pb2 as pb
 
 POSE_TIMEOUT_S = 8.0
@@ -25,13 +27,18 @@ LATE_TIMEOUT_S = 9.0
 because images may arrive late"""
 REST_MINIMUM_S = 0.9
 """shortest recorded time after the strike [s]: an object that hesitates at the balance point looks at rest"""
+HOME_TIMEOUT_S = 20.0
+"""longest time for homing the striker [s]: a slow turn from the farthest angle"""
+_EXCHANGES_S = 3.0
+"""time for the servo's answers before and after a motion [s], six at half a second"""
 _LONGEST_S = {
     State.CHECKING_POSE: POSE_TIMEOUT_S,
+    State.ARMING: GUARD_S[StrikerState.COCKING] + _EXCHANGES_S,
+    State.STRIKING: sum(GUARD_S.values()) - GUARD_S[StrikerState.COCKING] + _EXCHANGES_S,
     State.RECORDING: LATE_TIMEOUT_S,
     State.JUDGING: JUDGE_TIMEOUT_S,
 }
-"""longest wait in a state of the session [s]; in PLACING a person has all the time, ARMING and STRIKING are
-motions, limited by the daemon"""
+"""longest wait in a state of the session [s]; in PLACING a person has all the time"""
 
 
 def at_most(longest_s: float) -> str:
