@@ -36,6 +36,7 @@ CALIBRATION = CameraCalibrationSpec(
     width=WIDTH, height=HEIGHT, K=[[100, 0, 48], [0, 100, 32], [0, 0, 1]], T_world_camera=np.eye(4).tolist()
 )
 PLAN = b'{"schema_version": "1.0"}'
+SHAPE = b"solid"
 
 
 def image(number: int) -> np.ndarray:
@@ -44,6 +45,12 @@ def image(number: int) -> np.ndarray:
 
 def frame_time(number: int) -> int:
     return START_NS + number * PERIOD_NS
+
+
+def hashes(plan: bytes) -> dict[str, str]:
+    """Hashes of the attached files."""
+    files = {"plan.json": plan, "shape/box.stl": SHAPE}
+    return {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
 
 
 def manifest(**changes: object) -> SessionManifest:
@@ -72,17 +79,17 @@ def manifest(**changes: object) -> SessionManifest:
         object=spec,
         object_sha256="0",
         plan_sha256="0",
-        hashes={"plan.json": hashlib.sha256(PLAN).hexdigest()},
+        hashes=hashes(PLAN),
     )
     return plain.model_copy(update=changes)
 
 
 def write_head(writer: McapWriter, manifest_json: str | None = None, plan: bytes = PLAN) -> None:
-    whole = manifest(hashes={"plan.json": hashlib.sha256(plan).hexdigest()})
+    whole = manifest(hashes=hashes(plan))
     text = canonical_json(whole) if manifest_json is None else manifest_json
     writer.metadata(MANIFEST_NAME, manifest_entries(text))
     writer.attachment("plan.json", "application/json", plan)
-    writer.attachment("shape/box.stl", "model/stl", b"solid")
+    writer.attachment("shape/box.stl", "model/stl", SHAPE)
 
 
 def write_body(

@@ -29,6 +29,10 @@ TIMECODES = re.compile(r"#\s*time(code|stamp)\s+format\s+v2\b", re.IGNORECASE)
 SAME_RATE = 1.5
 """ratio of two frame rates below which a table's unit is taken to agree with the video's own rate"""
 SEPARATORS = ",;\t"
+MAX_NUMBER = Decimal(10) ** 21
+"""number in a table from which on it can be no time or frame: nanoseconds since 1970 are below it"""
+MAX_SPAN_NS = 10**18
+"""longest time between two frames of one table [ns]: thirty years, so that a 64-bit integer holds all"""
 
 
 @dataclass(frozen=True)
@@ -146,10 +150,16 @@ def checked_times_ns(path: Path, rows: Sequence[TimedRow], what: str) -> list[in
         what: kind of the frames in messages, "image" or "frame".
 
     Raises:
-        ImportRefused: a time is not later than the one before it.
+        ImportRefused: a time is not later than the one before it, or later than the first by years.
     """
     start = rows[0].time_s
     times = [round((row.time_s - start) * 10**9) for row in rows]
+    for time_ns, row in zip(times, rows, strict=True):
+        if abs(time_ns) > MAX_SPAN_NS:
+            raise ImportRefused(
+                f"{path}: line {row.line}: its time is {1e-9 * time_ns:.3g} s from that of line "
+                f"{rows[0].line}: correct it, or the unit in the column's name"
+            )
     for (earlier, later), (first, row) in zip(pairwise(times), pairwise(rows), strict=True):
         if later == earlier:
             raise ImportRefused(
@@ -216,12 +226,12 @@ def _cell(cells: list[str], index: int) -> str:
 
 
 def _number(text: str) -> Decimal | None:
-    """Parse a decimal number; None if the text is no finite number."""
+    """Parse a decimal number; None if the text is no number, or none below `MAX_NUMBER`."""
     try:
         value = Decimal(text)
     except InvalidOperation:
         return None
-    return value if value.is_finite() else None
+    return value if value.is_finite() and abs(value) < MAX_NUMBER else None
 
 
 def _frame(path: Path, line: int, column: str, text: str) -> int:

@@ -292,7 +292,7 @@ class VideoSource:
         begins = False
         try:
             begins = begins_like_mp4(self.path)  # refuses a pipe, for which FFmpeg would wait
-            return av.open(str(self.path), options=options)
+            return av.open(str(self.path), options=options, metadata_errors="replace")
         except FileNotFoundError:
             raise ImportRefused(f"{self.path}: no such file: check the path") from None
         except IsADirectoryError:

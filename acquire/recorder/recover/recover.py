@@ -203,7 +203,9 @@ class _Salvage:
                 "source: restore it from a copy"
             )
         for name, expected in _stated_hashes(text).items():
-            if self._attachment_hashes.get(name, expected) != expected:
+            if name not in self._attachment_hashes:
+                found.append(f"attachment {name!r}, which the manifest states, is missing")
+            elif self._attachment_hashes[name] != expected:
                 found.append(
                     f"attachment {name!r} is not the one that the manifest states: restore it from a copy"
                 )

@@ -45,6 +45,7 @@ def manifest_of_a_box() -> SessionManifest:
     clock = SystemClock()
     return small_recording.manifest(
         recording_id="test",
+        hashes={},
         wall_anchor_ns=clock.wall_ns() - clock.monotonic_ns(),
         cameras=[ManifestCamera(name="main", frame_rate_hz=RATE, exposure_us=1500, calibration=CALIBRATION)],
     )

@@ -30,6 +30,14 @@ def test_variable_frame_times_are_kept(tmp_path):
     assert source.remarks == ()
 
 
+def test_metadata_in_no_known_encoding_does_not_matter(tmp_path):
+    path = write_video(tmp_path / "a.mp4", tip()[:20], range(0, 20 * 8333, 8333))
+    data = path.read_bytes()
+    assert data.count(b"VideoHandler") == 1
+    path.write_bytes(data.replace(b"VideoHandler", b"Video\xff\xfe\xa7dler"))
+    assert len(_times(VideoSource(path))) == 20
+
+
 def test_slow_motion_is_corrected(tmp_path):
     path = write_video(tmp_path / "a.mp4", tip()[:20], range(0, 20 * 33_333, 33_333))
     source = VideoSource(path, capture_hz=240)

@@ -17,6 +17,7 @@ from schemas import topics
 from schemas.document import canonical_json
 from schemas.mcap import records as container
 from schemas.mcap.walk import walk
+from schemas.session_manifest import MANIFEST_NAME, manifest_entries
 from tests import small_recording as small
 from tests.mcap_writer import McapWriter
 
@@ -162,6 +163,16 @@ def test_an_attachment_that_the_manifest_does_not_state_is_reported(tmp_path: Pa
         small.write_body(writer)
     report = recover(tmp_path / "a.mcap", tmp_path / "b.mcap")
     assert "attachment 'plan.json' is not the one that the manifest states" in report.text()
+
+
+def test_an_attachment_that_is_missing_is_reported(tmp_path: Path) -> None:
+    with McapWriter(tmp_path / "a.mcap") as writer:
+        text = canonical_json(small.manifest())
+        writer.metadata(MANIFEST_NAME, manifest_entries(text))
+        writer.attachment("plan.json", "application/json", small.PLAN)
+        small.write_body(writer)
+    report = recover(tmp_path / "a.mcap", tmp_path / "b.mcap")
+    assert report.differences == ["attachment 'shape/box.stl', which the manifest states, is missing"]
 
 
 def test_a_cut_between_two_records_is_reported_as_a_loss(tmp_path: Path) -> None:
