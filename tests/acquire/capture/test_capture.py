@@ -365,6 +365,7 @@ def test_a_gige_camera_over_loopback(tmp_path: Path, environment: pytest.MonkeyP
     assert status.clock_latched
     assert (report.lost, status.dropped) == (0, 0)
     assert status.receive_buffer_bytes > 0
+    assert status.foreign_packets == 0
     found = read(tmp_path / "a.mcap")
     assert len(found["/striker/sample"]) == 1000
     times = np.array(
