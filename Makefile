@@ -55,7 +55,7 @@ demo: setup  ## a whole session on the virtual rig, and its answer compared with
 
 # What only computes runs on all cores. What keeps time with devices mostly waits for them. Long files first (tests/conftest.py), lest one worker ends alone.
 COMPUTING := tests/analyze tests/world tests/schemas tests/docs tests/test_architecture.py tests/test_source_rules.py
-TIMED := tests/system tests/contracts tests/acquire
+TIMED := tests/system tests/contracts tests/acquire tests/attack
 
 # Where the environment forbids bytecode every worker compiles the tests anew and every program that a test starts itself: 40 s of CPU.
 test test-slow: export PYTHONDONTWRITEBYTECODE :=
