@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from functools import cache
 from io import TextIOWrapper
 from pathlib import Path
 from typing import IO, BinaryIO, Final
@@ -22,7 +23,12 @@ _KINDS: Final = {
 
 
 def open_file(path: Path) -> BinaryIO:
-    """Open a regular file to be read as bytes, without waiting for another program.
+    """Open a regular file to be read as bytes; errors as of `open_descriptor`."""
+    return os.fdopen(open_descriptor(path), "rb")
+
+
+def open_descriptor(path: Path) -> int:
+    """File descriptor of a regular file, opened to be read without waiting for another program.
 
     Raises:
         OSError: the file cannot be opened, or is a pipe, device or socket, whose end may never come.
@@ -32,17 +38,26 @@ def open_file(path: Path) -> BinaryIO:
     except ValueError:  # a zero byte in its name
         raise OSError(errno.EINVAL, "its name contains a zero byte", str(path)) from None
     try:
-        mode = os.fstat(fd).st_mode
-        if (kind := _KINDS.get(stat.S_IFMT(mode))) is not None:
+        about = os.fstat(fd)
+        kind = _KINDS.get(stat.S_IFMT(about.st_mode))
+        if kind is None and stat.S_ISREG(about.st_mode) and about.st_dev in _kernels_devices():
+            kind = "made by the kernel"
+        if kind is not None:
             raise OSError(
                 errno.EINVAL, f"it is {kind}, not a file; copy its content to a file and name that", str(path)
             )
-        if stat.S_ISDIR(mode):
+        if stat.S_ISDIR(about.st_mode):
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-        return os.fdopen(fd, "rb")
     except BaseException:
         os.close(fd)
         raise
+    return fd
+
+
+@cache
+def _kernels_devices() -> frozenset[int]:
+    """Numbers of the file systems whose files are made while they are read, some of them without end."""
+    return frozenset(folder.stat().st_dev for folder in map(Path, ("/proc", "/sys")) if folder.is_dir())
 
 
 def open_text(path: Path, encoding: str = "utf-8", newline: str | None = None) -> IO[str]:

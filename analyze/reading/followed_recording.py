@@ -14,6 +14,7 @@ from analyze.reading.indexed_file import RecordedMessage
 from analyze.reading.not_a_recording import not_a_recording
 from analyze.reading.recording_head import parse_plan, shape_attachment, whole_manifest
 from analyze.types import ImageFrame
+from schemas.input_file import open_descriptor
 from schemas.mcap import records as container
 from schemas.mcap.chunks import chunk_messages
 from schemas.mcap.records import ContainerError
@@ -192,12 +193,13 @@ class FollowedRecording:
                 names.append(self.path.with_suffix(""))
             for name in names:
                 try:
-                    self._fd = os.open(name, os.O_RDONLY | os.O_CLOEXEC)
+                    self._fd = open_descriptor(name)
                     break
                 except FileNotFoundError:
                     continue
                 except OSError as error:
-                    raise RecordingError(f"{name}: cannot be read: {error.strerror}") from None
+                    unread = f"{name}: cannot be read: {error.strerror}"
+                    raise RecordingError(not_a_recording(name) if name.is_dir() else unread) from None
             else:
                 return False
         if self._at == 0:

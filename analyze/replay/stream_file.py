@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,6 +33,8 @@ def finish_file(stream: rr.RecordingStream, part: Path, output: Path) -> None:
             os.fsync(file.fileno())
         part.replace(output)
     except (RuntimeError, OSError):  # RuntimeError: rerun's writer has ended
+        with suppress(RuntimeError):
+            stream.disconnect()  # or the stream's end would wait for the writer again
         raise OutputError(_unwritten(output)) from None
 
 

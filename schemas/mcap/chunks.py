@@ -289,6 +289,8 @@ def _without_lz4(stored: memoryview, size: int) -> memoryview:
             data += decompressor.decompress(b"", max_length=1)
     except (RuntimeError, EOFError) as error:
         raise ContainerError(f"chunk cannot be decompressed: {error}") from None
+    if not decompressor.eof:
+        raise ContainerError("chunk cannot be decompressed: it is cut short, or holds more than it states")
     return memoryview(data)
 
 

@@ -10,6 +10,7 @@ from pydantic import Field, field_validator
 
 from analyze.errors import RecordingError
 from schemas.document import Document, DocumentError, Matrix3, Vector3, validate
+from schemas.input_file import read_text
 from schemas.strike_plan import PlanMethod
 
 if TYPE_CHECKING:
@@ -262,7 +263,7 @@ def read_records(folder: Path) -> list[SessionRecord]:
     found: list[SessionRecord] = []
     for path in sorted(folder.glob("*.json")):
         try:
-            data = json.loads(path.read_text(encoding="utf-8"))
+            data = json.loads(read_text(path))
         except (OSError, ValueError) as error:
             raise RecordingError(
                 f"{path}: cannot be read ({error}): remove the file and analyse its recording again"

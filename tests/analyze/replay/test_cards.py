@@ -1,5 +1,6 @@
 """Placement cards in rerun: a timeline step per strike, with visible contents."""
 
+import resource
 import time
 
 import cv2
@@ -108,3 +109,17 @@ def test_rendered_picture_is_not_blank(rrd, vulkan, tmp_path):
         time.sleep(1.5)
         client.save_screenshot(str(picture))
     assert cv2.imread(str(picture)).std() > 10
+
+
+@pytest.mark.parametrize("missing_bytes", [200, 2000, None])
+def test_a_full_disk_leaves_no_file(planned, rrd, tmp_path, missing_bytes):
+    """Up to the last block; rerun itself does not report that a file's end is missing."""
+    most = rrd.stat().st_size - missing_bytes if missing_bytes else 1000
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, hard))  # Python ignores the signal
+    try:
+        with pytest.raises(OutputError, match="free space on its disk"):
+            write_card_scenes(*planned, default_camera(), tmp_path / "cards.rrd")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert list(tmp_path.iterdir()) == []
