@@ -10,6 +10,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -69,6 +70,7 @@ def attack_files(
         report(Tally(f"{target.kind}: {verb.name}", 1, outcome.memory_bytes, outcome.wall_s, found))
 
 
+@cache
 def _targets(folder: Path) -> list[Target]:
     """Write the whole files, in a process of its own: OpenCV's threads would not survive a fork."""
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:

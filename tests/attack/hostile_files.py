@@ -45,6 +45,8 @@ class Hostile:
     name: str
     like: str
     write: Callable[[Path], None]
+    slow: bool = False
+    """True if the short form of the attack leaves it out"""
 
 
 def _chunk(compression: str, stored: bytes, size: int, crc: int = 0) -> bytes:
@@ -72,7 +74,7 @@ def _finished(compression: str, stored: bytes, size: int) -> Callable[[Path], No
 
     def write(path: Path) -> None:
         with path.open("wb") as file:
-            records = RecordWriter(lambda buffers: file.writelines(buffers))
+            records = RecordWriter(file.writelines)
             records.begin()
             records.write_metadata(MANIFEST_NAME, manifest_entries(_manifest()))
             records.add_topic(topics.STRIKER_SAMPLE, 1)
@@ -93,7 +95,7 @@ def _manifest() -> str:
     return canonical_json(small.manifest(hashes={}))
 
 
-def _lz4_declares(size: int) -> bytes:
+def lz4_declares(size: int) -> bytes:
     """LZ4 frame whose head declares a content of `size` bytes."""
     frame = bytearray(lz4.frame.compress(bytes(1000), content_checksum=False, store_size=True))
     struct.pack_into("<Q", frame, 6, size)
@@ -119,7 +121,7 @@ def _xxh32_byte(data: bytes) -> int:
     return found >> 8 & 0xFF
 
 
-def _zstd_declares(size: int) -> bytes:
+def zstd_declares(size: int) -> bytes:
     """Zstandard frame whose head declares a content of `size` bytes."""
     return b"\x28\xb5\x2f\xfd\xe0" + struct.pack("<Q", size) + b"\x01\x00\x00"
 
@@ -207,13 +209,18 @@ _ENTITIES = (
 )
 _EXTERNAL = '<?xml version="1.0"?><!DOCTYPE m [<!ENTITY x SYSTEM "file:///etc/passwd">]><model>&x;</model>'
 _RELATIONS = (
-    '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships"><Relationship Id="r" '
-    'Target="/3D/3dmodel.model" Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>'
+    '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
+    '<Relationship Id="r" Target="/3D/3dmodel.model" '
+    'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>'
 )
 
 
 def _3mf(model: str) -> bytes:
     return _zip({"3D/3dmodel.model": model.encode(), "_rels/.rels": _RELATIONS.encode()})
+
+
+def _3mf_bomb(path: Path) -> None:
+    path.write_bytes(_3mf(" " * (1 << 30)))
 
 
 def _bytes(data: bytes) -> Callable[[Path], None]:
@@ -228,6 +235,12 @@ def _fifo(path: Path) -> None:
     os.mkfifo(path)
 
 
+def _hole(path: Path) -> None:
+    """File of 1 TB that takes no room on the disk."""
+    with path.open("wb") as file:
+        file.truncate(1 << 40)
+
+
 def _link(target: str) -> Callable[[Path], None]:
     return lambda path: path.symlink_to(target)
 
@@ -236,15 +249,15 @@ def hostile_files() -> Iterator[Hostile]:
     """Yield every hostile file, the large ones too."""
     like = "recording (small)"
     for name, compression, stored in (
-        ("LZ4 of 1 TB", "lz4", _lz4_declares(1 << 40)),
-        ("zstd of 1 TB", "zstd", _zstd_declares(1 << 40)),
+        ("LZ4 of 1 TB", "lz4", lz4_declares(1 << 40)),
+        ("zstd of 1 TB", "zstd", zstd_declares(1 << 40)),
     ):
         for size in (1 << 40, 1000):
             yield Hostile(f"{name}, chunk of {size}", like, _with_chunk(_chunk(compression, stored, size)))
             yield Hostile(f"{name}, chunk of {size}, whole file", like, _finished(compression, stored, size))
-    yield Hostile("LZ4 bomb", like, _lz4_bomb)
-    yield Hostile("zstd bomb", like, _zstd_bomb)
-    yield Hostile("bomb of another program", "MCAP of others", _foreign_bomb)
+    yield Hostile("LZ4 bomb", like, _lz4_bomb, slow=True)
+    yield Hostile("zstd bomb", like, _zstd_bomb, slow=True)
+    yield Hostile("bomb of another program", "MCAP of others", _foreign_bomb, slow=True)
     yield Hostile("chunk without content that states 1 EB", like, _with_chunk(_chunk("", b"", 1 << 60)))
     for sequence, time_ns in ((0xFFFFFFFF, 1 << 62), (0, HUGE), (1, 1 << 63), (1, (1 << 63) - 1)):
         yield Hostile(f"sequence {sequence}, time {time_ns}", like, _times(sequence, time_ns))
@@ -270,7 +283,7 @@ def hostile_files() -> Iterator[Hostile]:
     yield Hostile("PLY of 1 T vertices", "shape ply", _bytes(_PLY))
     yield Hostile("3MF with entities", "shape 3mf", _bytes(_3mf(_ENTITIES)))
     yield Hostile("3MF with an outer entity", "shape 3mf", _bytes(_3mf(_EXTERNAL)))
-    yield Hostile("3MF bomb", "shape 3mf", lambda path: void(path.write_bytes(_3mf(" " * (1 << 30)))))
+    yield Hostile("3MF bomb", "shape 3mf", _3mf_bomb, slow=True)
     yield Hostile(
         "GLB of 4 GB",
         "shape glb",
@@ -286,7 +299,9 @@ def hostile_files() -> Iterator[Hostile]:
         "video",
         "times",
     ):
-        yield Hostile("a pipe that nobody writes", kind, _fifo)
+        slow = kind in {"plan", "result", "times"}  # read as the object file is
+        yield Hostile("a pipe that nobody writes", kind, _fifo, slow)
+        yield Hostile("a hole of 1 TB", kind, _hole, slow)
         for device in (
             "/dev/zero",
             "/dev/full",
@@ -296,12 +311,13 @@ def hostile_files() -> Iterator[Hostile]:
             "/proc/kmsg",
             "/",
         ):
-            yield Hostile(f"a link to {device}", kind, _link(device))
+            yield Hostile(f"a link to {device}", kind, _link(device), slow or device != "/dev/zero")
 
 
 _PLY = (
-    b"ply\nformat binary_little_endian 1.0\nelement vertex 1000000000000\nproperty float x\nproperty float y\n"
-    b"property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n\0\0"
+    b"ply\nformat binary_little_endian 1.0\nelement vertex 1000000000000\n"
+    b"property float x\nproperty float y\nproperty float z\n"
+    b"element face 1\nproperty list uchar int vertex_indices\nend_header\n\0\0"
 )
 
 

@@ -22,11 +22,13 @@ from pathlib import Path
 from tests.attack.files import attack_files
 from tests.attack.forked import import_everything
 import_everything()
+from tests.attack.hostile import attack_by_hostile_files
 def show(tally):
     for each in tally.findings:
         print(each)
 if __name__ == "__main__":
     attack_files(Path(sys.argv[1]), 4, float("inf"), show, {TRIES})
+    attack_by_hostile_files(Path(sys.argv[1]), float("inf"), show, short=True)
 """
 
 
@@ -38,7 +40,7 @@ def test_damage_depends_on_its_seed_alone() -> None:
     assert names(1) == names(1) != names(2)
 
 
-def test_damaged_files_are_refused_in_one_line_or_read_as_they_were(tmp_path: Path) -> None:
+def test_bad_files_are_refused_in_one_line_or_read_as_they_were(tmp_path: Path) -> None:
     """In a process that has started no threads: its forks would wait for them."""
     script = tmp_path / "attack.py"
     script.write_text(IN_A_PROCESS, encoding="utf-8")
