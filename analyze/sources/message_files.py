@@ -10,15 +10,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
+from mcap.data_stream import ReadDataStream
 from mcap.reader import SeekingReader
+from mcap.records import Chunk
+from mcap.summary import Summary
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 
 from analyze.errors import ImportRefused
 from analyze.sources.pictures import VIDEO
 from schemas.input_file import open_file
+from schemas.mcap.chunks import refuse_bomb
+from schemas.mcap.records import RECORD_HEAD, ChunkRecord, ContainerError
 from schemas.session_manifest import MANIFEST_NAME
 
 BAG_FILE = ".db3"
@@ -98,7 +103,9 @@ class McapFile:
         """
         with self._named_damage(), open_file(self.path) as stream:
             until = None if end_ns is None else max(end_ns + 1, start_ns or 0)
-            found = SeekingReader(stream, record_size_limit=MAX_RECORD_BYTES).iter_messages(
+            reader = SeekingReader(stream, record_size_limit=MAX_RECORD_BYTES)
+            self._refuse_bombs(stream, reader.get_summary(), start_ns or 0, until)
+            found = reader.iter_messages(
                 [topic.name],
                 starting_at=start_ns,
                 ending_before=until,
@@ -110,6 +117,26 @@ class McapFile:
                     and (schema.name if schema else "") == topic.schema
                 ):
                     yield LoggedMessage(message.log_time, message.data)
+
+    def _refuse_bombs(
+        self, stream: BinaryIO, summary: Summary | None, start_ns: int, until_ns: int | None
+    ) -> None:
+        """Refuse compressed chunks that are to be read and would take too much memory: mcap has no bound."""
+        for index in summary.chunk_indexes if summary is not None else ():
+            later = until_ns is not None and index.message_start_time >= until_ns
+            if later or index.message_end_time < start_ns:
+                continue
+            stream.seek(index.chunk_start_offset + RECORD_HEAD)
+            chunk = Chunk.read(ReadDataStream(stream))
+            if not chunk.compression:
+                continue
+            times, data = (chunk.message_start_time, chunk.message_end_time), memoryview(chunk.data)
+            try:
+                refuse_bomb(ChunkRecord(*times, chunk.uncompressed_size, 0, chunk.compression, data))
+            except ContainerError as error:
+                raise ImportRefused(
+                    f"{self.path}: {error}: write it anew with chunks of a few megabytes, or copy it again"
+                ) from None
 
     @contextmanager
     def _named_damage(self) -> Iterator[None]:

@@ -24,6 +24,7 @@ _PLAUSIBLE_RATIO: Final = 1000
 """greatest ratio of claimed to stored size at which a chunk of over _PLAUSIBLE_BYTES is decompressed"""
 MAX_DECOMPRESSED_BYTES: Final = 1 << 28
 """largest chunk that is decompressed; writers use a few megabytes"""
+_LZ4_RATIO: Final = 255
 
 
 class ChunkEntry(NamedTuple):
@@ -256,6 +257,24 @@ def chunk_messages(chunk: ChunkRecord) -> memoryview:
     if chunk.crc and zlib.crc32(data) != chunk.crc:
         raise ContainerError("chunk is damaged (CRC)")
     return data
+
+
+def refuse_bomb(chunk: ChunkRecord) -> None:
+    """Raise ContainerError if a chunk, read by a library without bounds, would take too much memory.
+
+    An LZ4 frame holds at most 255 times its own bytes; a small one need not be looked into.
+    """
+    if chunk.compression == "zstd":
+        import zstandard  # comes with mcap
+
+        try:
+            stated = zstandard.frame_content_size(chunk.records)
+        except zstandard.ZstdError as error:
+            raise ContainerError(f"chunk cannot be decompressed: {error}") from None
+        if max(stated, chunk.uncompressed_size) > MAX_DECOMPRESSED_BYTES:
+            raise ContainerError("chunk claims an impossible size")
+    elif len(chunk.records) * _LZ4_RATIO > MAX_DECOMPRESSED_BYTES:
+        _decompressed(chunk)
 
 
 def _decompressed(chunk: ChunkRecord) -> memoryview:
