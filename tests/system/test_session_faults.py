@@ -44,7 +44,7 @@ def test_a_session_outlives_camera_and_watcher(rig: SessionRig) -> None:
         rig.said.append(text)
         strike_id, _, rest = text.partition(" ")
         plan_id = strike_id.partition(".")[0]
-        if plan_id not in ids:
+        if plan_id.startswith("s") and plan_id not in ids:
             ids.append(plan_id)
         if not rest.startswith("striking"):
             return
