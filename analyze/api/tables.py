@@ -5,6 +5,8 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+from schemas.plain_text import visible
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
@@ -33,14 +35,16 @@ def html_table(title: str, rows: Sequence[Mapping[str, Any]]) -> str:
     body = "".join(
         "<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row.values()) + "</tr>" for row in rows
     )
-    return f"<b>{escape(title)}</b><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    return visible(
+        f"<b>{escape(title)}</b><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    )
 
 
 def text_table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Text table with aligned columns, header first; "" without rows. All rows have the keys of the first."""
     if not rows:
         return ""
-    lines = [[str(name) for name in rows[0]], *([str(cell) for cell in row.values()] for row in rows)]
+    lines = [[visible(str(cell)) for cell in line] for line in (rows[0], *(row.values() for row in rows))]
     widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
     return "\n".join(
         "  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip() for line in lines

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+from schemas.plain_text import visible
+
 _SIGNS = re.compile(r"[\\`*_\[\]<>#|~$&]")
 _START = re.compile(r"^(\d+(?=[.)])|(?=[-+=:]))")
 """place of the sign that would make a line an item of a list, or the line below a heading"""
@@ -16,7 +18,7 @@ def as_written(text: str) -> str:
     Args:
         text: name or value that users, files or programs gave; spaces at its ends are left out.
     """
-    return _escaped(text.strip())
+    return _escaped(visible(text.strip()))
 
 
 def message(text: str) -> str:
@@ -25,7 +27,7 @@ def message(text: str) -> str:
     Args:
         text: text such as a warning, a verdict or the reason of an error.
     """
-    parts = _CODE.split(text.strip())
+    parts = _CODE.split(visible(text.strip()))
     return "".join(part if number % 2 else _escaped(part) for number, part in enumerate(parts))
 
 

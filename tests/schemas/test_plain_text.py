@@ -11,7 +11,9 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
+from analyze.api.tables import html_table
 from analyze.batch.query_output import print_answer, save_answer
+from analyze.replay.markdown import as_written, message
 from analyze.report.csv_table import csv_text
 from analyze.report.page import page_environment
 from schemas.plain_text import csv_cell, echo, json_line, visible, write_escaped
@@ -65,6 +67,11 @@ def test_pages_show_names_as_text():
     page = page_environment().from_string("<p>{{ name }}</p>").render(name=f"<b>{HOSTILE}")
     assert _harmless(page)
     assert "<b>" not in page
+
+
+@pytest.mark.parametrize("show", [as_written, message, lambda text: html_table(text, [{text: text}])])
+def test_replays_and_notebooks_show_names_as_text(show):
+    assert _harmless(show(HOSTILE))
 
 
 def test_a_stream_in_ascii_holds_every_text():
