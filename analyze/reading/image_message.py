@@ -15,6 +15,7 @@ from schemas.mcap.records import ContainerError
 
 _WIDTH, _HEIGHT, _ENCODING, _STEP, _DATA = 2, 3, 4, 5, 6
 """field numbers of foxglove.RawImage"""
+_PNG_END = b"IEND\xaeB`\x82"
 _KNOWN_TO_PILLOW = (
     b"\x89PNG",
     b"\xff\xd8",
@@ -88,8 +89,9 @@ def _is_sound(data: bytes, *, verified: bool) -> bool:
             warnings.simplefilter("ignore")
             image = Image.open(BytesIO(data))
             if not verified and image.format == "PNG":
-                image.verify()  # its checksums
-            elif not verified:
+                image.verify()  # its checksums, but for the last one
+                return _PNG_END in data
+            if not verified:
                 image.load()
     except UnidentifiedImageError:
         return not data.startswith(_KNOWN_TO_PILLOW)

@@ -8,7 +8,6 @@ stands in a metadata record of the new file.
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import re
 import struct
@@ -21,6 +20,7 @@ from acquire.recorder import atomic
 from acquire.recorder.recover.edit import copy_messages
 from acquire.recorder.recover.recover_report import RecoverReport
 from acquire.recorder.recover.rewrite import Rewriter, mapped, read_layout, refuse_folder
+from acquire.recorder.recover.stated import listed_declarations, stated_hashes
 from schemas.document import sha256_text
 from schemas.mcap import records as container
 from schemas.mcap.chunks import ChunkEntry, chunk_messages
@@ -99,7 +99,10 @@ class _Salvage:
         self._report = report
         self._digest = digest
         self._topics: dict[int, str] = {}
+        self._schema_ids: set[int] = set()
         self._declared: set[bytes] = set()
+        self._listed = listed_declarations(data)
+        """schema and channel records in the source's summary, by opcode and id; none without a summary"""
         self._manifest: dict[str, str] | None = None
         """entries of the source's manifest"""
         self._attachment_hashes: dict[str, str] = {}
@@ -202,7 +205,7 @@ class _Salvage:
                 "the manifest is not the one that was recorded: `analyze` refuses the new file like this "
                 "source: restore it from a copy"
             )
-        for name, expected in _stated_hashes(text).items():
+        for name, expected in stated_hashes(text).items():
             if name not in self._attachment_hashes:
                 found.append(f"attachment {name!r}, which the manifest states, is missing")
             elif self._attachment_hashes[name] != expected:
@@ -250,7 +253,7 @@ class _Salvage:
             chunk = container.parse_chunk(body)
             self._copy_chunk(chunk_messages(chunk), checked=chunk.crc != 0)
         elif opcode in {container.SCHEMA, container.CHANNEL}:
-            self._declare(opcode, body, whole)
+            self._declare(opcode, body, bytes(whole))
         elif opcode == container.MESSAGE:
             self._copy_chunk(whole, checked=False)
         elif opcode == container.ATTACHMENT:
@@ -270,21 +273,46 @@ class _Salvage:
             else:
                 self._writer.write_metadata(metadata.name, metadata.entries)
 
-    def _declare(self, opcode: int, body: memoryview, whole: memoryview) -> None:
-        if opcode == container.CHANNEL:
+    def _declare(self, opcode: int, body: memoryview, whole: bytes) -> None:
+        """Copy a schema or channel record once; in its place the summary's, which has a checksum, if any.
+
+        Raises:
+            ContainerError: the record is damaged, and the source has no summary.
+        """
+        if self._listed and len(body) >= 2:
+            listed = self._listed.get((opcode, *struct.unpack_from("<H", body)))
+            if listed != whole:
+                self._report.damaged_records += 1
+            if listed is None:
+                return
+            whole = listed
+        if whole in self._declared:
+            return
+        body = memoryview(whole)[container.RECORD_HEAD :]
+        if opcode == container.SCHEMA:
+            self._schema_ids.add(container.parse_schema(body).id)
+        else:
             channel = container.parse_channel(body)
             self._topics.setdefault(channel.id, channel.topic)
-        else:
-            container.parse_schema(body)
-        if bytes(whole) not in self._declared:
-            self._declared.add(bytes(whole))
-            self._writer.copy_declaration(bytes(whole))
+            self._declare_schema_of(channel.schema_id)
+        self._declared.add(whole)
+        self._writer.copy_declaration(whole)
+
+    def _declare_schema_of(self, schema_id: int) -> None:
+        """Copy a channel's schema from the summary, or count it as damage, if it did not come before."""
+        if schema_id == 0 or schema_id in self._schema_ids:
+            return
+        self._schema_ids.add(schema_id)
+        self._report.damaged_records += 1
+        if (listed := self._listed.get((container.SCHEMA, schema_id))) is not None:
+            self._declared.add(listed)
+            self._writer.copy_declaration(listed)
 
     def _copy_chunk(self, messages: memoryview, *, checked: bool) -> None:
         # Other programs declare topics inside their chunks.
         for opcode, at, body in walk(messages):
             if opcode in {container.SCHEMA, container.CHANNEL}:
-                self._declare(opcode, body, messages[at : at + container.RECORD_HEAD + len(body)])
+                self._declare(opcode, body, bytes(messages[at : at + container.RECORD_HEAD + len(body)]))
         copied = copy_messages(messages, self._topics, self._writer, self._digest)
         self._report.messages += len(copied)
         if not checked:
@@ -344,15 +372,6 @@ class _Salvage:
                 except ContainerError:
                     continue
         return len(data)
-
-
-def _stated_hashes(manifest_json: str) -> dict[str, str]:
-    """Hash of each attachment that a manifest states; none, if it cannot be read."""
-    try:
-        stated = json.loads(manifest_json)["hashes"]
-    except (ValueError, KeyError, TypeError, RecursionError):
-        return {}
-    return {str(name): str(digest) for name, digest in stated.items()} if isinstance(stated, dict) else {}
 
 
 def _verify(path: Path, report: RecoverReport) -> None:

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from acquire.errors import RecorderError
 from acquire.recorder import atomic
+from schemas.input_file import open_file
 from schemas.mcap import records as container
 from schemas.mcap.chunks import MessagePlaces, PendingMessages
 from schemas.mcap.record_writer import RecordWriter
@@ -45,7 +46,7 @@ def mapped(path: Path) -> Iterator[memoryview]:
     """
     refuse_folder(path)
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     except FileNotFoundError:
         raise RecorderError(f"{path}: no such recording: check the path") from None

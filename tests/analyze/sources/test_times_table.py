@@ -117,7 +117,10 @@ def test_a_unit_is_chosen_by_the_videos_rate_only_if_it_agrees(tmp_path):
         (["frame,time_us", *(f"{n % 11},{t}" for n, t in enumerate(_rows()))], "names frame 0 2 times"),
         (["frame,time_us", *(f"n{n},{t}" for n, t in enumerate(_rows()))], "'n0' is not a frame number"),
         (["time_us", *_rows()[:5], "late", *_rows()[6:]], "line 7: time_us 'late' is not a number"),
-        (["time_us", *_rows()[:-1], "9" * 19], "line 13: its time is 1e+13 s from that of line 2: correct it"),
+        (
+            ["time_us", *_rows()[:-1], "9" * 19],
+            "line 13: its time is 1e+13 s from that of line 2: correct it",
+        ),
         (["time_us", *_rows()[:-1], "1e999999"], "line 13: time_us '1e999999' is not a number"),
         (["time_s", *_rows()], "if they are in us, rename the column to time_us"),
         (["time", *map(str, range(1, FRAMES + 1))], "rises by 1 from image to image, as frame numbers do"),
