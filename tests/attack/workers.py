@@ -10,10 +10,13 @@ from pathlib import Path
 from tests.attack.files import attack_files
 from tests.attack.flood import attack_flood
 from tests.attack.forked import import_everything
+from tests.attack.hostile import attack_by_hostile_files
 from tests.attack.kills import attack_kills
 from tests.attack.requests import attack_requests
 
 REQUESTS_PER_MINUTE, KILLS_PER_MINUTE = 2000, 1
+HOSTILE_SHARE = 0.3
+"""share of the time after which no more hostile files are tried"""
 FIRST_SHARE = 0.6
 """share of the time after which no more requests are sent, and no process is killed"""
 
@@ -22,6 +25,9 @@ def attack_by_files(folder: Path, seed: int, until_s: float, tallies: multiproce
     """Attack by files in this process, and put the tally of each try into `tallies`."""
     os.environ["XDG_CACHE_HOME"] = str(folder / "cache")
     import_everything()
+    if not seed % 2:  # once is enough
+        now_s = time.monotonic()
+        attack_by_hostile_files(folder, now_s + HOSTILE_SHARE * (until_s - now_s), tallies.put)
     attack_files(folder, seed, until_s, tallies.put)
 
 

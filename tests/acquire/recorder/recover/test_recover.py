@@ -175,6 +175,19 @@ def test_an_attachment_that_is_missing_is_reported(tmp_path: Path) -> None:
     assert report.differences == ["attachment 'shape/box.stl', which the manifest states, is missing"]
 
 
+def test_a_changed_declaration_is_taken_from_the_summary(tmp_path: Path) -> None:
+    """Schemas and channels have no checksum where the data are, but in the summary."""
+    small.write_recording(tmp_path / "a.mcap")
+    data = bytearray((tmp_path / "a.mcap").read_bytes())
+    data[data.index(b"percuss.v1.FrameMeta") + 3] ^= 1
+    (tmp_path / "a.mcap").write_bytes(data)
+    report = recover(tmp_path / "a.mcap", tmp_path / "b.mcap")
+    assert report.damaged_records == 1
+    with open_recording(tmp_path / "b.mcap") as recording:
+        schemas = {topic.name: topic.schema for topic in recording.topics()}
+    assert schemas["/camera/main/meta"] == "percuss.v1.FrameMeta"
+
+
 def test_a_cut_between_two_records_is_reported_as_a_loss(tmp_path: Path) -> None:
     """Every record up to the cut is complete; later ones, the strike's record among them, are missing."""
     small.write_recording(tmp_path / "a.mcap")
