@@ -96,9 +96,7 @@ def run(rig: Path, as_json: bool, parent: int | None) -> None:
 
     def ready(status: dict[str, Any]) -> None:
         model, address = status["camera"]["model"], config.camera.address
-        echo(
-            json.dumps(status) if as_json else f"ready: {model} at {address}, socket {status['socket']}"
-        )
+        echo(json.dumps(status) if as_json else f"ready: {model} at {address}, socket {status['socket']}")
         sys.stdout.flush()
 
     parent_alive = (lambda: True) if parent is None else (lambda: os.getppid() == parent)

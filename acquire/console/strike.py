@@ -141,9 +141,7 @@ def calibrate(
     entries = single_strike.striker_entries(learned)
     if as_json:
         swing_dicts = [_json_swing(each) for each in swings]
-        echo(
-            json.dumps({"swings": swing_dicts, "swing_ratio": asdict(ratio), "striker": asdict(learned)})
-        )
+        echo(json.dumps({"swings": swing_dicts, "swing_ratio": asdict(ratio), "striker": asdict(learned)}))
     else:
         _print_swing_ratio(swings, ratio)
         _print_striker(swings, prior, learned, entries)
