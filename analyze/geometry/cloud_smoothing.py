@@ -43,8 +43,8 @@ def smoothed_points(
 
     Returns:
         Smoothed points (k, 3) [m], unit normals (k, 3) there (either sign), and one 1 sigma [m] for all
-        smoothed points. If fewer than `MIN_NEIGHBOURS` points belong to curved parts: no points, no normals,
-        and `sd`.
+        smoothed points. If fewer than `MIN_NEIGHBOURS` points belong to curved parts, or none lies near the
+        hull: no points, no normals, and `sd`.
     """
     heights = (
         np.column_stack([plane.heights(points) for plane in planes])
@@ -52,9 +52,11 @@ def smoothed_points(
         else np.full((len(points), 1), -np.inf)
     )
     rest = points[(heights < -3 * sd).all(axis=1)]
-    if len(rest) < MIN_NEIGHBOURS:
+    outer = rest[:0]
+    if len(rest) >= MIN_NEIGHBOURS:
+        outer = rest[_near_hull(rest, sharp, max(5 * sd, MIN_HOLLOW_DEPTH * extent))]
+    if not len(outer):
         return np.zeros((0, 3)), np.zeros((0, 3)), sd
-    outer = rest[_near_hull(rest, sharp, max(5 * sd, MIN_HOLLOW_DEPTH * extent))]
     outer = outer[:: max(1, len(outer) // MAX_SMOOTHED)]
     many = min(int(np.clip(np.pi * (6 * sd / spacing) ** 2, MIN_NEIGHBOURS, MAX_NEIGHBOURS)), len(rest))
     tree = KDTree(rest)

@@ -59,7 +59,7 @@ def fill_holes(vertices: Array, faces: IntArray, name: str) -> Filled:
     """
     holes = polyhedron.open_edges(faces)
     loops = _loops(faces)
-    if loops is None or len(loops) > MAX_HOLES:
+    if not loops or len(loops) > MAX_HOLES:
         raise ShapeError(
             f"{name}: not a closed body ({holes} open edges that do not form simple rings): {REMEDY}"
         )

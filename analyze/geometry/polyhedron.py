@@ -158,9 +158,10 @@ def mass_properties(vertices: Array, faces: IntArray) -> MassProperties:
     six = np.einsum("ij,ij->i", a, np.cross(b, c))
     volume = float(six.sum() / 6)
     total = a + b + c
-    mean = (six @ total) / 24 / volume
-    second = sum((x * six[:, None]).T @ x for x in (a, b, c, total)) / 120
-    second = np.asarray(second) / volume - np.outer(mean, mean)
+    with np.errstate(divide="ignore", invalid="ignore"):  # the caller refuses a body without a volume
+        mean = (six @ total) / 24 / volume
+        second = sum((x * six[:, None]).T @ x for x in (a, b, c, total)) / 120
+        second = np.asarray(second) / volume - np.outer(mean, mean)
     return MassProperties(volume, origin + mean, np.trace(second) * np.eye(3) - second)
 
 
