@@ -88,7 +88,7 @@ def _is_sound(data: bytes, *, verified: bool) -> bool:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             image = Image.open(BytesIO(data))
-            if not verified and image.format == "PNG":
+            if image.format == "PNG":
                 image.verify()  # its checksums, but for the last one
                 return _PNG_END in data
             if not verified:
