@@ -13,6 +13,7 @@ import json
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, cast
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -25,6 +26,7 @@ from schemas import input_file
 from schemas.document_problems import problems_in_one_line
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
 SCHEMA_VERSION = "1.0"
@@ -69,6 +71,40 @@ class SparseDocument(Document):
         return written
 
 
+def check_rotation(R: Sequence[Sequence[float]], what: str = "it") -> None:
+    """Check that the first three rows and columns of R are a rotation.
+
+    Args:
+        R: matrix.
+        what: name of these rows and columns in the message.
+
+    Raises:
+        ValueError: they are not, to POSE_TOLERANCE.
+    """
+    columns = list(zip(*R[:3], strict=True))[:3]
+    dots = [
+        sum(a * b for a, b in zip(columns[i], columns[j], strict=True)) for i in range(3) for j in range(i, 3)
+    ]
+    (a, b, c), (d, e, f), (g, h, i) = (row[:3] for row in R[:3])
+    right_handed = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0
+    if (
+        max(abs(dot - one) for dot, one in zip(dots, (1, 0, 0, 1, 0, 1), strict=True)) > POSE_TOLERANCE
+        or not right_handed
+    ):
+        raise ValueError(
+            f"{what} is not a rotation: its columns must have length 1, be perpendicular and right-handed"
+        )
+
+
+def _rotation(R: list[list[float]]) -> list[list[float]]:
+    check_rotation(R)
+    return R
+
+
+Rotation3 = Annotated[Matrix3, AfterValidator(_rotation)]
+"""Rotation: a 3 x 3 matrix as rows."""
+
+
 def check_pose(T: list[list[float]]) -> None:
     """Check that T (4, 4) is a rigid transform with a plausible translation [m].
 
@@ -76,20 +112,7 @@ def check_pose(T: list[list[float]]) -> None:
         ValueError: the upper left 3 x 3 is not a rotation (to POSE_TOLERANCE), the last row is not 0, 0, 0,
             1, or a component of the translation exceeds MAX_TRANSLATION_M.
     """
-    columns = list(zip(*T[:3], strict=True))[:3]
-    dots = [
-        sum(a * b for a, b in zip(columns[i], columns[j], strict=True)) for i in range(3) for j in range(i, 3)
-    ]
-    (a, b, c), (d, e, f), (g, h, i) = (row[:3] for row in T[:3])
-    right_handed = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0
-    if (
-        max(abs(dot - one) for dot, one in zip(dots, (1, 0, 0, 1, 0, 1), strict=True)) > POSE_TOLERANCE
-        or not right_handed
-    ):
-        raise ValueError(
-            "its upper left 3 x 3 is not a rotation: its columns must have length 1, be perpendicular and "
-            "right-handed"
-        )
+    check_rotation(T, "its upper left 3 x 3")
     if T[3] != [0, 0, 0, 1]:
         raise ValueError("its last row must be 0, 0, 0, 1")
     far = max(abs(row[3]) for row in T[:3])

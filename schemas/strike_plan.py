@@ -18,6 +18,7 @@ from schemas.document import (
     DocumentError,
     Matrix3,
     Matrix4,
+    Rotation3,
     Vector3,
     read_text,
     refuse_other_major,
@@ -112,7 +113,7 @@ class PlannedStrike(Document):
     """id of the strike in the plan"""
     plane_id: str = Field(description="name of the face on which the object rests")
     axis_id: str = Field(description="name of the pivot edge")
-    R_world_object: Matrix3
+    R_world_object: Rotation3
     p_world_object: Vector3
     heading_rad: float = Field(
         default=0.0,

@@ -187,8 +187,8 @@ def fetch_without_images(remote: RemoteFile, url: str) -> list[ChunkEntry]:
     of_images = [chunk for chunk in chunks if chunk.index_offsets and chunk.index_offsets.keys() <= images]
     small = [chunk for chunk in chunks if not (chunk.index_offsets and chunk.index_offsets.keys() <= images)]
     remote.fetch([*others, *((chunk.offset, chunk.end) for chunk in small)])
-    # A reader looks at a chunk's first byte even if it skips the chunk, and at its indexes, which are left
-    # empty here.
+    # A reader looks at a chunk's first byte even if it skips the chunk, and at its indexes. Both are left
+    # empty here, by which `IndexedFile` knows a chunk that was left out.
     with remote.copy.open("r+b") as file:
         for chunk in of_images:
             file.seek(chunk.offset)

@@ -140,8 +140,8 @@ class IndexedFile:
         """
         with self.damage_as_error():
             messages = self.chunk_messages(int(index.chunk[number]))
-            body = record_at(messages, int(index.offset[number]), container.MESSAGE)
-            message = container.parse_message(body)
+            at = int(index.offset[number])
+            message = container.parse_message(record_at(messages, at, container.MESSAGE))
             if message.log_time_ns != index.time_ns[number]:
                 raise ContainerError("a message index states another time than its message")
             return message
@@ -204,16 +204,19 @@ class IndexedFile:
                     entries.append(found)
                     chunks.append(np.full(len(found), number, dtype=np.int64))
         stated = sum(self.message_counts.get(number, 0) for number in channel_ids)
-        if self.message_counts and stated != sum(map(len, entries)):
+        if self.message_counts and stated != sum(map(len, entries)) and self._is_whole():
             raise ContainerError("the message indexes do not list as many messages as the summary")
         if not entries:
-            empty = np.empty(0, dtype=np.int64)
-            return TopicIndex(empty, empty, empty)
+            return TopicIndex(*[np.empty(0, dtype=np.int64)] * 3)
         table = np.concatenate(entries).astype(np.int64)
         chunk_numbers = np.concatenate(chunks)
         self._check_index(chunk_numbers, table, channel_ids)
         order = np.lexsort((table[:, 1], chunk_numbers, table[:, 0]))
         return TopicIndex(table[order, 0], chunk_numbers[order], table[order, 1])
+
+    def _is_whole(self) -> bool:
+        """True unless it is a copy from which chunks were left out: empty ones stand in their places."""
+        return all(len(record_at(self.data, chunk.offset, container.CHUNK)) for chunk in self.chunks)
 
     def _check_index(
         self, chunk_numbers: NDArray[np.int64], table: NDArray[np.int64], channel_ids: set[int]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import os
 import re
 import shutil
 import time
@@ -50,7 +51,8 @@ def attack_files(
     pairs = [(target, verb) for target in targets for verb in target.verbs]
     expected: dict[int, Any] = {}
     cost = np.array([verb.usual_s for _, verb in pairs])
-    while time.monotonic() < until_s and tries > 0:
+    parent = os.getppid()
+    while time.monotonic() < until_s and tries > 0 and os.getppid() == parent:
         tries -= 1
         chances = 1.0 / cost
         number = (
