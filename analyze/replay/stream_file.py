@@ -12,6 +12,8 @@ from schemas.output_file import OutputError
 if TYPE_CHECKING:
     import rerun as rr
 
+FLUSH_S = 120.0
+"""longest time for which what is left is written [s]; rerun would wait for ever for a dead writer"""
 _FOOTER = b"RRF2FOOT"
 """mark that begins the last 12 bytes of a complete file; rerun itself does not report that it is missing"""
 _FOOTER_BYTES = 12
@@ -24,7 +26,7 @@ def finish_file(stream: rr.RecordingStream, part: Path, output: Path) -> None:
         OutputError: the file could not be written to its end, such as on a full disk.
     """
     try:
-        stream.flush()
+        stream.flush(timeout_sec=FLUSH_S)
         stream.disconnect()
         with part.open("rb+") as file:
             file.seek(-_FOOTER_BYTES, os.SEEK_END)
