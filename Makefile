@@ -54,8 +54,8 @@ demo: setup  ## a whole session on the virtual rig, and its answer compared with
 	@echo "next: source $(BIN)/activate, then analyze and acquire are commands of this shell"
 
 # What only computes runs on all cores. What keeps time with devices mostly waits for them. Long files first (tests/conftest.py), lest one worker ends alone.
-COMPUTING := tests/analyze tests/world tests/schemas tests/docs tests/test_architecture.py tests/test_source_rules.py
-TIMED := tests/system tests/contracts tests/acquire tests/attack
+COMPUTING := tests/analyze tests/attack tests/world tests/schemas tests/docs tests/test_architecture.py tests/test_source_rules.py
+TIMED := tests/system tests/contracts tests/acquire
 
 # Where the environment forbids bytecode every worker compiles the tests anew and every program that a test starts itself: 40 s of CPU.
 test test-slow: export PYTHONDONTWRITEBYTECODE :=

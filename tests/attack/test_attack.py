@@ -1,21 +1,17 @@
-"""Short form of `make attack`: some damaged files through the commands, and some requests to a daemon."""
+"""Short form of `make attack`: some damaged files through the commands."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 
-from tests.attack.findings import Finding
 from tests.attack.mutations import damage
-from tests.attack.requests import attack_requests
 from tests.places import ROOT
 
 TRIES = 50
-REQUESTS = 2000
 IN_A_PROCESS = f"""
 import sys
 from pathlib import Path
@@ -52,9 +48,3 @@ def test_bad_files_are_refused_in_one_line_or_read_as_they_were(tmp_path: Path) 
     }
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     assert done.stdout == "", done.stdout
-
-
-def test_the_daemon_stops_the_arm_beside_rubbish() -> None:
-    findings: list[Finding] = []
-    attack_requests(4, REQUESTS, time.monotonic() + 60.0, lambda tally: findings.extend(tally.findings))
-    assert findings == []
