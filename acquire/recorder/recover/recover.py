@@ -18,15 +18,16 @@ from acquire.errors import RecorderError
 from acquire.frames.page_memory import PAGE_BYTES
 from acquire.recorder import atomic
 from acquire.recorder.recover.edit import copy_messages
+from acquire.recorder.recover.read_back import verify
 from acquire.recorder.recover.recover_report import RecoverReport
-from acquire.recorder.recover.rewrite import Rewriter, mapped, read_layout, refuse_folder
-from acquire.recorder.recover.stated import listed_declarations, stated_hashes
+from acquire.recorder.recover.rewrite import Rewriter, mapped, refuse_folder
+from acquire.recorder.recover.stated import read_listing, stated_hashes
 from schemas.document import sha256_text
 from schemas.mcap import records as container
 from schemas.mcap.chunks import ChunkEntry, chunk_messages
 from schemas.mcap.content_hash import ContentHash
 from schemas.mcap.records import ContainerError
-from schemas.mcap.walk import walk, walk_chunks
+from schemas.mcap.walk import walk
 from schemas.session_manifest import MANIFEST_NAME, RECOVERED_NAME, SEAL_NAME, stated_manifest_hashes
 from schemas.wording import counted
 
@@ -74,7 +75,7 @@ def recover(path: Path, out: Path, *, replace: bool = False) -> RecoverReport:
                 )
             writer.finish()
             report.content_id = digest.hexdigest()
-            _verify(writer.part_path, report)
+            verify(writer.part_path, report)
             atomic.publish(writer.part_path, out, replace=replace)
         finally:
             writer.close()
@@ -101,11 +102,12 @@ class _Salvage:
         self._topics: dict[int, str] = {}
         self._schema_ids: set[int] = set()
         self._declared: set[bytes] = set()
-        self._listed = listed_declarations(data)
-        """schema and channel records in the source's summary, by opcode and id; none without a summary"""
+        self._listing = read_listing(data)
         self._manifest: dict[str, str] | None = None
         """entries of the source's manifest"""
         self._attachment_hashes: dict[str, str] = {}
+        self._names: Counter[tuple[int, str]] = Counter()
+        """number of whole attachments and metadata records, by opcode and name"""
         self._sealed: dict[str, str] = {}
         """entries of the source's seal"""
         self._earlier: list[str] = []
@@ -170,9 +172,11 @@ class _Salvage:
         self._writer.write_metadata(SEAL_NAME, seal)
 
     def _verify_contents(self) -> None:
-        """Compare what was saved with the source's seal and the manifest's hashes; extend the report."""
+        """Compare what was saved with the source's seal, summary and manifest; extend the report."""
         report = self._report
         report.differences += self._manifest_differences()
+        counts = self._writer.summary.message_counts
+        report.missing += self._listing.missing(self._names, counts, self._topics)
         whole = not report.damaged_records and not report.skipped_bytes
         content = self._sealed.get("content_id")
         if content is not None and content == self._digest.hexdigest():
@@ -259,10 +263,12 @@ class _Salvage:
         elif opcode == container.ATTACHMENT:
             attachment = container.parse_attachment(body)
             self._attachment_hashes[attachment.name] = hashlib.sha256(attachment.data).hexdigest()
+            self._names[opcode, attachment.name] += 1
             self._writer.copy_attachment(whole)
             self._report.attachments += 1
         elif opcode == container.METADATA:
             metadata = container.parse_metadata(body)
+            self._names[opcode, metadata.name] += 1
             if metadata.name == MANIFEST_NAME:
                 self._report.has_manifest = True
                 self._manifest = metadata.entries
@@ -279,8 +285,8 @@ class _Salvage:
         Raises:
             ContainerError: the record is damaged, and the source has no summary.
         """
-        if self._listed and len(body) >= 2:
-            listed = self._listed.get((opcode, *struct.unpack_from("<H", body)))
+        if self._listing.declarations and len(body) >= 2:
+            listed = self._listing.declarations.get((opcode, *struct.unpack_from("<H", body)))
             if listed != whole:
                 self._report.damaged_records += 1
             if listed is None:
@@ -304,7 +310,7 @@ class _Salvage:
             return
         self._schema_ids.add(schema_id)
         self._report.damaged_records += 1
-        if (listed := self._listed.get((container.SCHEMA, schema_id))) is not None:
+        if (listed := self._listing.declarations.get((container.SCHEMA, schema_id))) is not None:
             self._declared.add(listed)
             self._writer.copy_declaration(listed)
 
@@ -372,29 +378,3 @@ class _Salvage:
                 except ContainerError:
                     continue
         return len(data)
-
-
-def _verify(path: Path, report: RecoverReport) -> None:
-    """Read the messages of the recovered file `path`, and compare number and hash with the report.
-
-    The report (`RecoverReport`) states the number and the content hash of the messages that were written.
-
-    Raises:
-        RecorderError: the file does not hold the messages that were written, or cannot be read.
-    """
-    digest, count = ContentHash(), 0
-    with mapped(path) as data:
-        layout = read_layout(path, data)
-        topics = layout.topics
-        try:
-            for messages in walk_chunks(data[: layout.data_end]):
-                count += digest.add_chunk(messages, topics)
-        except ContainerError as error:
-            raise RecorderError(
-                f"{report.path}: cannot be read back: {error}: check the disk and try again"
-            ) from None
-    if count != report.messages or digest.hexdigest() != report.content_id:
-        raise RecorderError(
-            f"{report.path}: {count} of {counted(report.messages, 'message')} can be read back: check the "
-            "disk and try again"
-        )

@@ -35,6 +35,8 @@ class RecoverReport:
     """True if the manifest (object, hash of the plan, camera and clock of the session) was saved"""
     content_id: str = ""
     """hash of the saved messages"""
+    missing: list[str] = field(default_factory=list)
+    """what the source's summary lists or counts and the source lacks; each a line"""
     differences: list[str] = field(default_factory=list)
     """what was saved and is not what was recorded, by the source's own seal and hashes; each a line"""
     unverified: list[str] = field(default_factory=list)
@@ -48,7 +50,7 @@ class RecoverReport:
     @property
     def anything_damaged(self) -> bool:
         """True if the file holds damaged bytes, records or contents; its early end does not count."""
-        return self.damaged_records > 0 or self.skipped_bytes > 0 or bool(self.differences)
+        return self.damaged_records > 0 or self.skipped_bytes > 0 or bool(self.missing + self.differences)
 
     def as_dict(self) -> dict[str, Any]:
         """Report as a JSON object: all its fields, `anything_damaged` and `anything_lost`; paths as text."""
@@ -68,6 +70,7 @@ class RecoverReport:
         """Lines on what is lost, changed or unverified; none if nothing is."""
         lines = [f"not what was recorded: {each}" for each in self.differences]
         lines += [f"cannot be verified: {each}" for each in self.unverified]
+        lines += [f"lost: {each}" for each in self.missing]
         if self.damaged_records or self.skipped_bytes:
             lines.append(
                 f"lost: {counted(self.damaged_records, 'damaged record')}, "

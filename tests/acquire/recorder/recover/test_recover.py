@@ -124,7 +124,7 @@ def test_what_no_hash_covers_is_marked(tmp_path: Path) -> None:
 def test_a_doubled_chunk_of_a_recording_without_seal_is_reported(tmp_path: Path) -> None:
     small.write_recording(tmp_path / "a.mcap")
     whole = (tmp_path / "a.mcap").read_bytes()
-    records = list(walk(whole, len(container.MAGIC)))
+    records = list(walk(memoryview(whole), len(container.MAGIC)))
     start, end = next(
         (at, at + container.RECORD_HEAD + len(body)) for op, at, body in records if op == container.CHUNK
     )
@@ -141,7 +141,7 @@ def test_messages_that_were_doubled_or_moved_are_reported(tmp_path: Path) -> Non
     whole = (tmp_path / "a.mcap").read_bytes()
     chunks = [
         (at, at + container.RECORD_HEAD + len(body))
-        for opcode, at, body in walk(whole, len(container.MAGIC))
+        for opcode, at, body in walk(memoryview(whole), len(container.MAGIC))
         if opcode == container.CHUNK
     ]
     (first, first_end), (second, second_end) = chunks[:2]
@@ -173,6 +173,45 @@ def test_an_attachment_that_is_missing_is_reported(tmp_path: Path) -> None:
         small.write_body(writer)
     report = recover(tmp_path / "a.mcap", tmp_path / "b.mcap")
     assert report.differences == ["attachment 'shape/box.stl', which the manifest states, is missing"]
+
+
+@pytest.mark.parametrize(
+    ("opcode", "number", "line"),
+    [
+        (container.ATTACHMENT, 1, "1 attachment that the summary lists: 'shape/box.stl'"),
+        (container.METADATA, 1, "1 metadata record that the summary lists: 'note'"),
+        (container.CHUNK, 1, "1 message that the summary counts: 1 on /camera/main/image"),
+    ],
+)
+def test_what_only_the_summary_lists_is_reported(tmp_path: Path, opcode: int, number: int, line: str) -> None:
+    """The manifest states no hashes, and the record is taken out whole: no checksum notices it."""
+    with McapWriter(tmp_path / "a.mcap") as writer:
+        writer.metadata(MANIFEST_NAME, manifest_entries(canonical_json(small.manifest(hashes={}))))
+        writer.metadata("note", {"by": "hand"})
+        writer.attachment("plan.json", "application/json", small.PLAN)
+        writer.attachment("shape/box.stl", "model/stl", small.SHAPE)
+        small.write_body(writer)
+    whole = (tmp_path / "a.mcap").read_bytes()
+    places = [
+        (at, at + container.RECORD_HEAD + len(body))
+        for each, at, body in walk(memoryview(whole), len(container.MAGIC))
+        if each == opcode
+    ]
+    start, end = places[number]
+    cut = len(container.MAGIC) + container.FOOTER_SIZE
+    tail = bytearray(whole[-cut:])
+    (summary,) = struct.unpack_from("<Q", tail, container.RECORD_HEAD)
+    body = whole[summary:-cut]
+    struct.pack_into("<Q", tail, container.RECORD_HEAD, summary - (end - start))
+    struct.pack_into("<I", tail, container.RECORD_HEAD + 16, 0)
+    (tmp_path / "b.mcap").write_bytes(whole[:start] + whole[end:summary] + body + tail)
+    report = recover(tmp_path / "b.mcap", tmp_path / "c.mcap")
+    assert (report.damaged_records, report.skipped_bytes, report.ended_properly) == (0, 0, True)
+    assert report.anything_damaged
+    assert report.missing == [line]
+    with (tmp_path / "c.mcap").open("rb") as file:
+        entries = {each.name: each.metadata for each in make_reader(file).iter_metadata()}
+    assert f"lost: {line}" in entries["percuss.recovered"]["lines"].splitlines()
 
 
 def test_a_changed_declaration_is_taken_from_the_summary(tmp_path: Path) -> None:
