@@ -215,7 +215,10 @@ def _wedges(vertices: Array, edges: IntArray, opposite: IntArray, forward: BoolA
         forward: (h,) True where the face runs the edge from the smaller to the larger index.
     """
     start, end = vertices[edges[0].min()], vertices[edges[0].max()]
-    axis = (end - start) / np.linalg.norm(end - start)
+    span = float(np.linalg.norm(end - start))
+    if span == 0:
+        return None
+    axis = (end - start) / span
     arm = vertices[opposite] - start
     arm = arm - np.outer(arm @ axis, axis)
     length = np.linalg.norm(arm, axis=1)

@@ -151,3 +151,21 @@ def test_a_small_hole_is_closed():
     found = read(exported([holed, box((0.06, 0.05, 0.02), (0, 0, 0.03), 3)], "ply"), "ply")
     assert [(body.open_edges, body.filled_edges) for body in found] == [(0, 3), (0, 0)]
     assert found[0].properties.volume == pytest.approx(1.2e-4, rel=1e-6)
+
+
+def test_an_edge_without_length_has_no_angle() -> None:
+    """A damaged OBJ: each of its faces stands twice, and two of its vertices are at one place."""
+    corners = trimesh.creation.box((0.08, 0.06, 0.15)).vertices
+    vertices = np.vstack([corners[:5], (corners[4] + corners[5]) / 2, corners[4:]])
+    faces = trimesh.creation.box().faces
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in [*faces, *faces]]
+    data = "\n".join(lines).encode()
+    spec = ObjectSpec(
+        name="box",
+        mass_kg=0.3,
+        mass_sd_kg=0.001,
+        shape=Shape(file="box.obj", unit="m"),
+        marker=[MarkerSpec(id=1, size_m=0.03)],
+    )
+    assert bodies_of(spec, data, "box.obj")
