@@ -160,12 +160,4 @@ def test_an_edge_without_length_has_no_angle() -> None:
     faces = trimesh.creation.box().faces
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices]
     lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in [*faces, *faces]]
-    data = "\n".join(lines).encode()
-    spec = ObjectSpec(
-        name="box",
-        mass_kg=0.3,
-        mass_sd_kg=0.001,
-        shape=Shape(file="box.obj", unit="m"),
-        marker=[MarkerSpec(id=1, size_m=0.03)],
-    )
-    assert bodies_of(spec, data, "box.obj")
+    assert read("\n".join(lines).encode(), "obj")
