@@ -32,8 +32,12 @@ EXPECTED_VALUES = {
 }
 """Expected value in words and as TOML, by the first word of pydantic's error type."""
 WRONG_TYPE_ERRORS = {f"{kind}_{how}" for kind in EXPECTED_VALUES for how in ("type", "parsing")} | {
-    "int_from_float"
+    "int_from_float",
+    "int_parsing_size",
 }
+RANGE_ERRORS = {"greater_than", "greater_than_equal", "less_than", "less_than_equal"}
+BOUNDS = {"gt": "more than", "ge": "at least", "lt": "less than", "le": "at most"}
+"""Bounds of a field's value in words, by pydantic's names."""
 
 Path = tuple[int | str, ...]
 
@@ -99,6 +103,8 @@ def _wrong_text(wrong: Sequence[ErrorDetails], model: type[BaseModel], *, by_han
         message = "should be an object with keys"
     elif first["type"] in WRONG_TYPE_ERRORS:
         message = f"should be {EXPECTED_VALUES[first['type'].partition('_')[0]][0]}"
+    elif first["type"] in RANGE_ERRORS and field is not None:
+        message = _range_text(field) or message
     if first["type"] != "value_error":
         message += _shown(first["input"])
     if by_hand and first["type"] in WRONG_TYPE_ERRORS:
@@ -106,6 +112,17 @@ def _wrong_text(wrong: Sequence[ErrorDetails], model: type[BaseModel], *, by_han
     others = [f"'{_dotted(each['loc'])}'" for each in wrong[1:]]
     more = f"; wrong too: {_listed(others)}" if others else ""
     return f"{where}: {message}{more}" if where else f"{message}{more}"
+
+
+def _range_text(field: FieldInfo) -> str:
+    """Allowed range of a field's value, as "should be more than 0 and at most 10"; "" if it has one bound."""
+    bounds = [
+        f"{words} {value}"
+        for name, words in BOUNDS.items()
+        for each in field.metadata
+        if (value := getattr(each, name, None)) is not None
+    ]
+    return f"should be {' and '.join(bounds)}" if len(bounds) > 1 else ""
 
 
 def _hint(
@@ -251,7 +268,9 @@ def _clean(part: int | str) -> str:
 def _shown(value: object) -> str:
     """Clause ", not VALUE" for an error message, VALUE the text or number found.
 
-    It is "" if the value is neither, or too long to show.
+    It is "" if the value is neither, or a text too long to show; of a long number the digits are counted.
     """
     text = repr(value) if isinstance(value, str | int | float) else ""
+    if isinstance(value, int) and len(text) > MAX_SHOWN_LENGTH:
+        text = f"{text[:8]}... ({len(text.removeprefix('-'))} digits)"
     return f", not {text}" if text and len(text) <= MAX_SHOWN_LENGTH else ""

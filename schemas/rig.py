@@ -15,6 +15,13 @@ from schemas.document import Document
 from schemas.rig_limits import ARM_LENGTH_M, COCKED_ANGLE_RAD, VELOCITY_LIMIT_RAD_S, TipSpeeds, tip_speeds
 from schemas.session_manifest import CameraCalibrationSpec, LevelReading
 
+MAX_SENSOR_PX = 100_000
+"""Largest width and height of a sensor [px]."""
+MAX_WAIT_S = 3600.0
+"""Longest wait and longest window [s]."""
+MAX_BYTES = 1 << 50
+"""Largest size of a file or disk reserve [bytes]."""
+
 
 class CameraConfig(Document):
     """GigE Vision camera: address, region of interest, stream settings, calibration and pose.
@@ -25,28 +32,41 @@ class CameraConfig(Document):
     name: str = Field(default="main", pattern=r"^[a-z][a-z0-9_]*$")
     """name of the camera in the recording's topics"""
     address: str = Field(description="IP address, or the device id that `acquire discover` prints")
-    width: int = Field(default=656, gt=0, description="width of the region of interest [px]")
-    height: int = Field(default=492, gt=0, description="height of the region of interest [px]")
-    offset_x: int = Field(default=0, ge=0, description="first column of the region on the sensor [px]")
-    offset_y: int = Field(default=0, ge=0, description="first row of the region on the sensor [px]")
+    width: int = Field(
+        default=656, gt=0, le=MAX_SENSOR_PX, description="width of the region of interest [px]"
+    )
+    height: int = Field(
+        default=492, gt=0, le=MAX_SENSOR_PX, description="height of the region of interest [px]"
+    )
+    offset_x: int = Field(
+        default=0, ge=0, le=MAX_SENSOR_PX, description="first column of the region on the sensor [px]"
+    )
+    offset_y: int = Field(
+        default=0, ge=0, le=MAX_SENSOR_PX, description="first row of the region on the sensor [px]"
+    )
     pixel_format: Literal["Mono8"] = Field(
         default="Mono8", description="Mono8 only: recorder and tracking take no other format"
     )
     frame_rate_hz: float = Field(
-        default=120.0, gt=0, description="frame rate [Hz]; with a trigger the rate of its pulses"
+        default=120.0, ge=0.01, le=1e5, description="frame rate [Hz]; with a trigger the rate of its pulses"
     )
-    exposure_us: float = Field(default=1500.0, gt=0, description="exposure time [us]")
-    gain_db: float = Field(default=0.0, ge=0, description="gain [dB]")
+    exposure_us: float = Field(default=1500.0, ge=0.01, le=1e8, description="exposure time [us]")
+    gain_db: float = Field(default=0.0, ge=0, le=100, description="gain [dB]")
     trigger: str = Field(
         default="off",
         pattern=r"^(off|Line[0-9]+)$",
         description="off: the camera runs freely; otherwise the input line whose rising edge starts a frame",
     )
     packet_size: int = Field(default=8192, ge=576, le=9000, description="size of GVSP packets [bytes]")
-    receive_buffer_bytes: int = Field(default=16 << 20, gt=0, description="socket receive buffer [bytes]")
-    buffers: int = Field(default=64, ge=8, description="number of frame buffers")
+    receive_buffer_bytes: int = Field(
+        default=16 << 20, gt=0, lt=1 << 31, description="socket receive buffer [bytes]"
+    )
+    buffers: int = Field(default=64, ge=8, le=100_000, description="number of frame buffers")
     stall_s: float = Field(
-        default=1.0, gt=0, description="time without a frame after which the stream counts as stalled [s]"
+        default=1.0,
+        ge=0.001,
+        le=MAX_WAIT_S,
+        description="time without a frame after which the stream counts as stalled [s]",
     )
     calibration: CameraCalibrationSpec = Field(
         description="width, height, K, distortion and T_world_camera: docs/how-to/rig.md"
@@ -62,18 +82,20 @@ class StrikerConfig(Document):
 
     kind: Literal["dynamixel", "manual"] = "dynamixel"
     port: str = Field(default="/dev/ttyUSB0", description="serial port of the servo bus")
-    baud_rate: int = Field(default=1_000_000, description="bits per second on the bus")
+    baud_rate: int = Field(
+        default=1_000_000, ge=1200, le=100_000_000, description="bits per second on the bus"
+    )
     id: int = Field(default=1, ge=0, le=252, description="id of the servo on the bus")
     zero_position: int = Field(default=2048, ge=0, le=4095, description="servo ticks at angle 0")
     direction: Literal[1, -1] = Field(
         default=1, description="sign of the servo's rotation towards the object"
     )
     arm_length_m: float = Field(
-        default=ARM_LENGTH_M, gt=0, le=2, description="distance from the servo's axis to the tip"
+        default=ARM_LENGTH_M, ge=0.001, le=2, description="distance from the servo's axis to the tip"
     )
     effective_mass_kg: float = Field(
         default=0.2,
-        gt=0,
+        ge=1e-4,
         le=10,
         description="effective mass at the tip [kg]: moment of inertia / arm length^2",
     )
@@ -138,19 +160,30 @@ class RecorderConfig(Document):
     rotate_bytes: int = Field(
         default=2 << 30,
         ge=0,
+        le=MAX_BYTES,
         description="continuous: file size at which the next numbered file begins; 0: never",
     )
     keep_files: int = Field(
-        default=0, ge=0, description="continuous: number of files kept, older ones are deleted; 0: all"
+        default=0,
+        ge=0,
+        le=1_000_000,
+        description="continuous: number of files kept, older ones are deleted; 0: all",
     )
     pre_trigger_s: float = Field(
-        default=0.25, ge=0, description="time before the opening of a window from which frames are kept [s]"
+        default=0.25,
+        ge=0,
+        le=MAX_WAIT_S,
+        description="time before the opening of a window from which frames are kept [s]",
     )
-    preview_hz: float = Field(default=4.0, ge=0, description="rate of images kept between windows [Hz]")
-    max_window_s: float = Field(default=6.0, gt=0, description="longest window; it is then closed [s]")
+    preview_hz: float = Field(
+        default=4.0, ge=0, le=1e5, description="rate of images kept between windows [Hz]"
+    )
+    max_window_s: float = Field(
+        default=6.0, gt=0, le=MAX_WAIT_S, description="longest window; it is then closed [s]"
+    )
     image_format: Literal["raw", "png"] = Field(default="raw", description="raw pixels, or PNG without loss")
     disk_reserve_bytes: int = Field(
-        default=1 << 30, ge=0, description="disk space that recordings leave free [bytes]"
+        default=1 << 30, ge=0, le=MAX_BYTES, description="disk space that recordings leave free [bytes]"
     )
 
 
@@ -195,7 +228,7 @@ class RigConfig(Document):
     )
     table_friction: float = Field(
         default=0.4,
-        gt=0,
+        ge=0.001,
         le=10,
         description="smallest friction coefficient between table and object, which plans assume",
     )

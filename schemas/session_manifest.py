@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from pydantic import Field, field_validator, model_validator
 
@@ -20,6 +20,40 @@ from schemas.document import (
 from schemas.object_spec import ObjectSpec
 
 FISHEYE_COEFFICIENTS = 4
+
+
+MIN_FOCAL_LENGTH_PX, MAX_FOCAL_LENGTH_PX = 1.0, 1e6
+"""Range of a camera's focal lengths [px]: a 1.4 mm lens on 15 um pixels has 93, one of 1 m on 1 um 1e6."""
+MAX_OFFSET_PX = 1e6
+"""Largest coordinate of a principal point, and largest skew [px]."""
+
+Coefficient = Annotated[float, Field(ge=-1e6, le=1e6)]
+"""Coefficient of a lens model; those of a rational model may reach hundreds."""
+
+
+def check_camera_matrix(K: list[list[float]]) -> None:
+    """Check that K (3, 3) is a camera matrix in pixels, with focal lengths that a lens can have.
+
+    Raises:
+        ValueError: an element that must be 0 or 1 is not, or another is out of its range.
+    """
+    (fx, skew, cx), (lower, fy, cy), last = K
+    if lower != 0 or last != [0, 0, 1]:
+        raise ValueError(
+            "it must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]: focal lengths and principal point in pixels"
+        )
+    for name, value in (("fx", fx), ("fy", fy)):
+        if not MIN_FOCAL_LENGTH_PX <= value <= MAX_FOCAL_LENGTH_PX:
+            raise ValueError(
+                f"its focal length {name} = {value:g} px must be from {MIN_FOCAL_LENGTH_PX:g} to "
+                f"{MAX_FOCAL_LENGTH_PX:g} px: `analyze calibrate` measures it"
+            )
+    for name, value in (("cx", cx), ("cy", cy), ("skew", skew)):
+        if abs(value) > MAX_OFFSET_PX:
+            raise ValueError(
+                f"its {name} = {value:g} px must be from {-MAX_OFFSET_PX:g} to {MAX_OFFSET_PX:g} px: "
+                "`analyze calibrate` measures it"
+            )
 
 
 class TimeSource(enum.Enum):
@@ -50,10 +84,10 @@ class CameraCalibrationSpec(SparseDocument):
     left_out: ClassVar[tuple[str, ...]] = ("line_time_s", "strain_sd")
 
     model: LensModel = LensModel.PINHOLE
-    width: int = Field(gt=0, description="width of the image, in pixels")
-    height: int = Field(gt=0, description="height of the image, in pixels")
+    width: int = Field(gt=0, le=100_000, description="width of the image, in pixels")
+    height: int = Field(gt=0, le=100_000, description="height of the image, in pixels")
     K: Matrix3 = Field(description="camera matrix, 3 x 3: focal lengths and principal point in pixels")
-    distortion: list[float] = Field(default=[0.0] * 5, min_length=4, max_length=8)
+    distortion: list[Coefficient] = Field(default=[0.0] * 5, min_length=4, max_length=8)
     """coefficients of the lens model, in OpenCV's order"""
     T_world_camera: Matrix4 = Field(description="pose of the camera in W, 4 x 4, in metres")
     line_time_s: float = Field(
@@ -63,8 +97,12 @@ class CameraCalibrationSpec(SparseDocument):
         description="delay of each row against the row above, for a rolling shutter [s]; 0 (global shutter) "
         "is not written",
     )
-    rms_px: float | None = None
-    """rms reprojection error of the calibration [px]; null if not known"""
+    rms_px: float | None = Field(
+        default=None,
+        ge=0,
+        le=1e4,
+        description="rms reprojection error of the calibration [px]; null if unknown",
+    )
     strain_sd: float | None = Field(
         default=None,
         ge=0,
@@ -72,6 +110,12 @@ class CameraCalibrationSpec(SparseDocument):
         description="1 sigma of the strain of the image that this lens leaves: relative error of a length in "
         "one direction against one across it; not written if not known",
     )
+
+    @field_validator("K")
+    @classmethod
+    def _camera_matrix(cls, value: list[list[float]]) -> list[list[float]]:
+        check_camera_matrix(value)
+        return value
 
     @field_validator("T_world_camera")
     @classmethod

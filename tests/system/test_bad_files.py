@@ -115,7 +115,14 @@ def test_a_path_that_is_not_an_object_file(tmp_path: Path) -> None:
         ),
         ("{calibration}[striker]\narm_lenght_m = 0.1\n", "unknown key 'striker.arm_lenght_m'"),
         ("rig : 1\n", "not valid TOML"),
-        ("table_friction = -1\n{calibration}", "table_friction: Input should be greater than 0"),
+        (
+            "table_friction = -1\n{calibration}",
+            "table_friction: should be at least 0.001 and at most 10, not -1",
+        ),
+        (
+            "[camera]\naddress = '1'\nframe_rate_hz = " + 308 * "9" + "\n{calibration}",
+            r"camera.frame_rate_hz: should be at least 0.01 and at most 100000.*, not 99999999.*308 digits",
+        ),
         (
             "[striker]\neffective_mass_kg = nan\n{calibration}",
             r"striker.effective_mass_kg: Input should be .*finite",
