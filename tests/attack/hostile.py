@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import re
-import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
-from tests.attack.files import ALLOWED, KEPT, _is_one_line, _linked, _targets
-from tests.attack.findings import Finding, Tally
-from tests.attack.forked import CPU_S, MEMORY_BYTES, Outcome, run_forked
+from tests.attack.copies import copy_folder, whole_targets
+from tests.attack.findings import Tally
+from tests.attack.forked import run_forked
 from tests.attack.hostile_files import Hostile, fitting, hostile_files
+from tests.attack.judge import judge
 from tests.attack.targets import Target, Verb
-
-_COMMANDS = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
-"""characters that command a terminal or turn the order of writing"""
 
 
 def attack_by_hostile_files(
@@ -31,7 +27,7 @@ def attack_by_hostile_files(
     """
     made = folder / "made"
     made.mkdir(parents=True, exist_ok=True)
-    targets = _targets(folder)
+    targets = whole_targets(folder)
     for hostile in hostile_files():
         for target in (each for each in targets if fitting(each, hostile)):
             if time.monotonic() > until_s or (short and hostile.slow):
@@ -44,26 +40,10 @@ def attack_by_hostile_files(
 
 
 def _try(hostile: Hostile, target: Target, verb: Verb, file: Path, folder: Path) -> Tally:
-    case = folder / "case"
-    shutil.rmtree(case, ignore_errors=True)
-    shutil.copytree(target.folder, case, copy_function=_linked)
+    case = copy_folder(target, folder)
     (case / target.file).unlink()
     file.rename(case / target.file)
     outcome = run_forked(verb.call(target.file), case, folder)
     (case / target.file).rename(file)
-    found = list(_problems(f"{target.kind}: {verb.name}, {hostile.name}", outcome))
+    found = list(judge(f"{target.kind}: {verb.name}, {hostile.name}", target, outcome, case))
     return Tally(f"hostile {target.kind}: {verb.name}", 1, outcome.memory_bytes, outcome.wall_s, found)
-
-
-def _problems(what: str, outcome: Outcome) -> Iterator[Finding]:
-    said = (outcome.complaint or outcome.output)[-KEPT:]
-    if outcome.hung or outcome.cpu_s > CPU_S:
-        yield Finding("hang", what, f"{outcome.cpu_s:.0f} s of CPU in {outcome.wall_s:.0f} s; {said}")
-    elif outcome.code not in ALLOWED or "Traceback (most recent" in outcome.complaint:
-        yield Finding("traceback", what, f"exit {outcome.code}: {said}")
-    elif not _is_one_line(outcome):
-        yield Finding("not one line", what, said)
-    if outcome.memory_bytes > MEMORY_BYTES:
-        yield Finding("memory", what, f"{outcome.memory_bytes / 1e6:.0f} MB; {said}")
-    if _COMMANDS.search(outcome.output + outcome.complaint):
-        yield Finding("control character", what, repr(said))
