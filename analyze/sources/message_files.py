@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 from mcap.data_stream import ReadDataStream
 from mcap.reader import SeekingReader
@@ -20,6 +20,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 
 from analyze.errors import ImportRefused
+from analyze.sources.bag_checks import METADATA, check_bag, unpacked_message
 from analyze.sources.pictures import VIDEO
 from schemas.input_file import open_file
 from schemas.mcap.chunks import refuse_bomb
@@ -27,7 +28,6 @@ from schemas.mcap.records import RECORD_HEAD, ChunkRecord, ContainerError
 from schemas.session_manifest import MANIFEST_NAME
 
 BAG_FILE = ".db3"
-METADATA = "metadata.yaml"
 MAX_RECORD_BYTES = 1 << 30
 """largest record that is read [bytes]: a damaged length could demand any amount of memory"""
 
@@ -165,6 +165,7 @@ class BagFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self._is_checked = False
 
     def topics(self) -> list[LoggedTopic]:
         """Topics of the bag, sorted by name, then by message type and encoding.
@@ -199,8 +200,12 @@ class BagFile:
                 if each.topic == topic.name and each.msgtype == topic.schema
             ]
             until = None if end_ns is None else end_ns + 1
+            packed = reader.compression_mode == "message"
+            if packed:  # the reader would unpack without bounds
+                storage: Any = reader.storage
+                storage.metadata = storage.metadata._replace(compression_mode=None)
             for _, log_ns, data in reader.messages(meant, start_ns, until):
-                yield LoggedMessage(log_ns, bytes(data))
+                yield LoggedMessage(log_ns, unpacked_message(data) if packed else bytes(data))
 
     @contextmanager
     def _opened(self) -> Iterator[Reader]:
@@ -209,12 +214,19 @@ class BagFile:
         Errors of opening and of the block become ImportRefused with the bag's name.
         """
         try:
+            if not self._is_checked:
+                check_bag(self.path)
+                self._is_checked = True
             with Reader(self.path) as reader:
                 yield reader
         except ImportRefused:
             raise
         except OSError as error:
             raise ImportRefused(f"{self.path}: cannot be read: {error.strerror or error}") from None
+        except ContainerError as error:
+            raise ImportRefused(
+                f"{self.path}: {error}: copy the bag again from where it was recorded"
+            ) from None
         except Exception as error:  # reader, storages and decompressor raise errors of their own
             raise ImportRefused(
                 f"{self.path}: not a readable ROS 2 bag ({' '.join(str(error).split())[:120]}): check it "
