@@ -33,11 +33,14 @@ import numpy as np
 from analyze.least_squares.levenberg_marquardt import with_differences
 from analyze.least_squares.robust import correlation_factor, median_scale
 from analyze.motion.edge_offset import displacement_per_error
-from analyze.motion.pendulum_fit import Sample, cut_sample, fit_model, motion_fit
+from analyze.motion.pendulum_fit import FittedModel, Sample, cut_sample, fit_model, motion_fit
 from analyze.motion.pendulum_motion import G
 from analyze.motion.runge_kutta import runge_kutta_state
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from analyze.least_squares.levenberg_marquardt import Model
     from analyze.motion.tip_angle import PlanarMotion
     from analyze.types import Array, MotionFit
 
@@ -51,6 +54,10 @@ _OUTLIER_SIGMAS = 5.0
 """robust standard deviations beyond which a residual is clipped"""
 _MIN_VARIANCE_SCALE = 0.7
 """least factor on the frames' stated variances, however small the residuals are"""
+_MOST_CORRECTION = 2.0
+"""largest correction of the fit for its bias, in standard deviations of the parameters together"""
+_SCALE = np.array([0.1, 20.0, 0.02, 0.2])
+"""typical changes of phi, k, theta0 and Omega0 [rad, rad/s^2, rad, rad/s], for conditioning"""
 _MAX_STEP_S = 0.02
 """longest integration step [s]: frames may be missing"""
 _START_FRAMES = 6
@@ -107,20 +114,18 @@ def moment_balance(
     slip, lift = angle.slip[inside] - angle.slip[window[0]], motion.lift[inside] - motion.lift[window[0]]
     if phi is not None:
         sample = replace(sample, guess=np.array([phi, _START_K, *sample.guess[2:]]))
-    # The error of the edge's position enters theta directly: s enters as -(k / g) cos psi s.
-    psi = sample.guess[0] - sample.theta
-    by_place = np.stack(
-        [np.ones_like(psi), sample.guess[1] / G * np.cos(psi), sample.guess[1] / G * np.sin(psi)], axis=-1
-    )
-    variance = np.einsum("ni,nij,nj->n", by_place, motion.covariance[inside], by_place)
-    sample = replace(sample, sd=np.sqrt(np.maximum(variance, (0.1 * sample.sd) ** 2)))
+    frames = motion.covariance[inside]
 
-    path_noise = motion.covariance[inside][:, 1:, 1:]
+    def noise_sd(sets: Array) -> Array:
+        """Standard deviation (n, c) [rad] of measured minus expected theta at c sets of parameters (c, 4)."""
+        return _noise_sd(angle.theta[inside], frames, sets, 0.1 * angle.sd[inside])
+
+    sample = replace(sample, sd=noise_sd(sample.guess[None])[:, 0])
     model = with_differences(
-        lambda sets: driven_theta(sample.time, sets, slip, lift, radius, path_noise=path_noise),
+        partial(driven_theta, sample.time, slip=slip, lift=lift, radius=radius, path_noise=frames[:, 1:, 1:]),
         _DIFFERENTIATION_STEPS,
     )
-    fitted = fit_model(sample, model, sample.guess)
+    fitted = _without_bias(fit_model(sample, model, sample.guess), sample, model, noise_sd)
     if errors is None:
         errors = EdgeErrors(np.zeros((3, 3)), np.zeros((len(angle.theta), 2)))
     covariance, by_radius = _covariance(
@@ -129,7 +134,7 @@ def moment_balance(
         model(fitted.parameters)[1],
         fitted.residual,
         (slip, lift, radius),
-        (motion.covariance[inside], replace(errors, by_radius=errors.by_radius[inside])),
+        (frames, replace(errors, by_radius=errors.by_radius[inside])),
     )
     fit = motion_fit(ESTIMATOR, angle, window, replace(fitted, covariance=covariance))
     first = slice(0, min(_START_FRAMES, len(sample.time)))
@@ -138,6 +143,55 @@ def moment_balance(
     k = float(fitted.parameters[1])
     turning = k / G * ((math.cos(psi) + radius * k / _R_TIMES_K) * s_rate + math.sin(psi) * z_rate)
     return replace(fit, omega0=fit.omega0 - turning, by_radius=by_radius)
+
+
+def _without_bias(
+    fitted: FittedModel, sample: Sample, model: Model, noise_sd: Callable[[Array], Array]
+) -> FittedModel:
+    """Fit without the bias by noise that depends on the parameters.
+
+    The noise of slip and lift enters the expected theta by factors of phi and k. Least squares with a
+    constant sd prefer a phi and k for which it cancels that of theta: k came out as much as one sd too large.
+    Without the noise's expected share of the squared residuals there is no such preference (corrected score:
+    Nakamura 1990, Biometrika 77). That sum has false minima, so that one Newton step is taken from the fit,
+    of at most `_MOST_CORRECTION` sd.
+
+    Args:
+        fitted: least-squares fit of phi, k, theta0 and Omega0 with the sd of `sample`.
+        sample: measured theta, and the sd of measured minus expected theta at the guess.
+        model: function that gives the expected theta (n,) [rad] and its derivatives (n, 4).
+        noise_sd: function that gives the sd of measured minus expected theta (n, c) [rad] at c sets (c, 4).
+    """
+    x, steps = fitted.parameters, np.diag(_DIFFERENTIATION_STEPS)
+    J = model(x)[1] / sample.sd[:, None] * _SCALE
+    above, below = noise_sd(x + steps) / sample.sd[:, None], noise_sd(x - steps) / sample.sd[:, None]
+    by_noise = np.sum(above**2 - below**2, axis=0) / (2 * _DIFFERENTIATION_STEPS) * _SCALE
+    off = np.abs(fitted.residual) / noise_sd(x[None])[:, 0]
+    share = min(1.0, float(np.mean(np.minimum(off, _OUTLIER_SIGMAS) ** 2)))
+    normal = J.T @ J
+    step = 0.5 * share * np.linalg.pinv(normal, rcond=1e-14, hermitian=True) @ by_noise
+    size = math.sqrt(float(step @ normal @ step))
+    corrected = x + _SCALE * step * min(1.0, _MOST_CORRECTION / max(size, 1e-12))
+    return replace(fitted, parameters=corrected, residual=sample.theta - model(corrected)[0])
+
+
+def _noise_sd(theta: Array, frames: Array, sets: Array, least: Array) -> Array:
+    """Standard deviation (n, c) [rad] of measured minus expected theta, by the noise of each frame.
+
+    The noise of slip s and lift z enters the expected theta as -(k / g) (cos psi s + sin psi z), with psi =
+    phi - theta.
+
+    Args:
+        theta: (n,) tipping angle [rad].
+        frames: (n, 3, 3) covariance of theta, slip and lift in every frame [rad, m].
+        sets: (c, 2 or more) balance angle phi [rad] and rate k [rad/s^2] of c bodies; further columns are
+            ignored.
+        least: (n,) least result [rad].
+    """
+    psi, by_g = sets[:, 0] - theta[:, None], sets[:, 1] / G
+    effect = np.stack([np.ones_like(psi), by_g * np.cos(psi), by_g * np.sin(psi)], axis=-1)
+    variance = np.einsum("nci,nij,ncj->nc", effect, frames, effect)
+    return np.sqrt(np.maximum(variance, np.square(least)[:, None]))
 
 
 def _slope(time: Array, values: Array) -> float:
@@ -189,10 +243,9 @@ def _covariance(
     noise = np.einsum("ija,jab->ijb", effect, frames).reshape(n, -1) @ effect.reshape(n, -1).T
     misplaced = displacement_per_error(sample.theta) - displacement_per_error(sample.theta[:1])
     by_offset = np.einsum("ija,jac->ic", effect[..., 1:], misplaced)
-    scale = np.array([0.1, 20.0, 0.02, 0.2])
-    weighted = jacobian * scale / sample.sd[:, None]
+    weighted = jacobian * _SCALE / sample.sd[:, None]
     solve = np.linalg.pinv(weighted.T @ weighted, rcond=1e-14, hermitian=True) @ weighted.T / sample.sd
-    left = np.eye(n) - jacobian * scale @ solve
+    left = np.eye(n) - jacobian * _SCALE @ solve
     expected = float(np.trace(left @ noise @ left.T / sample.sd[:, None] / sample.sd))
     # Outliers are relative to the median residual, and correlated residuals average out less, as in
     # pivot_fit.
@@ -204,9 +257,9 @@ def _covariance(
         solve @ noise @ solve.T * max(_MIN_VARIANCE_SCALE, found / expected)
         + solve @ by_offset @ shared.offset @ by_offset.T @ solve.T
     )
-    covariance = covariance * np.outer(scale, scale)
+    covariance = covariance * np.outer(_SCALE, _SCALE)
     rolled = np.einsum("ija,ja->i", effect[..., 1:], shared.by_radius - shared.by_radius[0])
-    by_phi, by_k = (scale * (solve @ rolled))[:2]
+    by_phi, by_k = (_SCALE * (solve @ rolled))[:2]
     return np.asarray(covariance[:2, :2], dtype=np.float64), (float(by_phi), float(by_k))
 
 

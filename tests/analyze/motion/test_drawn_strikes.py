@@ -77,6 +77,19 @@ def test_moment_balance_is_unbiased_where_the_edge_slides():
     assert k_balance < 0.01
 
 
+def test_moment_balance_is_unbiased_where_theta_is_noisy():
+    """The noise of theta moves the edge's measured place too, which once put k one sd too large."""
+    body, course = struck(0.6, 1.1, 0.75)
+    window = (45, int(np.argmax(course.theta > body.phi + math.radians(15))))
+    rng, off = np.random.default_rng(4), []
+    for _ in range(24):
+        motion, _ = seen(course, body, rng, math.radians(0.1))
+        fit = moment_balance(motion, window, body.rho)
+        off.append(np.array([fit.phi - body.phi, (fit.k or 0) - body.k]) / np.sqrt(np.diag(fit.covariance)))
+    assert np.all(np.abs(np.mean(off, axis=0)) < 0.5)
+    assert np.all(np.std(off, axis=0) < 1.3)
+
+
 def test_moment_balance_models_a_rolling_edge():
     """Without noise k is as good with a rounding of 3 mm as with none.
 
