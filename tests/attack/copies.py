@@ -8,14 +8,15 @@ from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 
-from tests.attack.targets import Target, make_targets
+from tests.attack.kept_targets import make_all_targets
+from tests.attack.targets import Target
 
 
 @cache
 def whole_targets(folder: Path) -> list[Target]:
     """Write the whole files, in a process of its own: OpenCV's threads would not survive a fork."""
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:
-        return pool.submit(make_targets, folder / "whole").result()
+        return pool.submit(make_all_targets, folder / "whole").result()
 
 
 def copy_folder(target: Target, folder: Path) -> Path:

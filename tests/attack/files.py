@@ -88,7 +88,7 @@ def _problems(
     """What is wrong with the way in which a command ended."""
     what = f"{target.kind}: {verb.name}, {hurt.name}"
     yield from judge(what, target, outcome, case)
-    if (case / target.file).read_bytes() != hurt.data:
+    if not target.replaceable and (case / target.file).read_bytes() != hurt.data:
         yield Finding("source changed", what, last_words(outcome))
     if verb.same and wanted is not None and not hurt.forged:
         yield from _silent(verb, what, outcome, wanted, case)

@@ -136,6 +136,10 @@ def _lz4_bomb(path: Path) -> None:
     )
 
 
+def _packed_file_bomb(path: Path) -> None:
+    path.write_bytes(_bomb(zstandard.ZstdCompressor().compress))
+
+
 def _zstd_bomb(path: Path) -> None:
     _with_chunk(_chunk("zstd", _bomb(zstandard.ZstdCompressor().compress), BOMB_BYTES))(path)
 
@@ -263,6 +267,7 @@ def hostile_files() -> Iterator[Hostile]:
         yield Hostile(f"sequence {sequence}, time {time_ns}", like, _times(sequence, time_ns))
     for name in NAMES:
         yield Hostile(f"named {name!r}", like, _named(name))
+    yield Hostile("zstd bomb", "bag (SQLite, packed file)", _packed_file_bomb, slow=True)
     yield Hostile("PNG of 2.2 GB", "image", _bytes(_png(46_000, 48_000)))
     yield Hostile("PNG of 4 G x 4 G pixels", "image", _bytes(_png(0x7FFFFFFF, 0x7FFFFFFF)))
     yield Hostile(
@@ -298,8 +303,16 @@ def hostile_files() -> Iterator[Hostile]:
         "shape stl",
         "video",
         "times",
+        "bag (SQLite)",
+        "bag's metadata",
     ):
-        slow = kind in {"plan", "result", "times"}  # read as the object file is
+        slow = kind in {
+            "plan",
+            "result",
+            "times",
+            "bag (SQLite)",
+            "bag's metadata",
+        }  # read as the object file is
         yield Hostile("a pipe that nobody writes", kind, _fifo, slow)
         yield Hostile("a hole of 1 TB", kind, _hole, slow)
         for device in (

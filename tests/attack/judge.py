@@ -19,6 +19,7 @@ RESULTS_OF_FAILURES = {"results", "new.rrd"}
 """outputs that stay: a batch's table holds the failure, a replay what could be read"""
 _NOISE = re.compile(r"\[ ?WARN|\[\w+ @|lib\w+ (warning|error)|Corrupt |.*(Warning|Error): ")
 """lines of libraries that reach standard error: OpenCV, FFmpeg, libpng, libjpeg, Python's warnings"""
+_FAILED_CHECK = "FAIL  "
 _COMMANDS = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 """characters that command a terminal or turn the order of writing"""
 
@@ -60,4 +61,5 @@ def is_one_line(outcome: Outcome) -> bool:
     if any(_NOISE.match(line) for line in lines):
         return False
     own = sum(line.startswith(("analyze: ", "acquire: ")) for line in lines)
-    return own == 1 or outcome.code not in {1, 2}
+    # A failed check of a rig is a row of its table.
+    return own == 1 or outcome.code not in {1, 2} or (not lines and _FAILED_CHECK in outcome.output)

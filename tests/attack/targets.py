@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -56,6 +57,8 @@ class Verb:
     """True if a result of the damaged file must be that of the whole one, unless it states a loss"""
     usual_s: float = 0.1
     """time that it usually takes [s]"""
+    cache: str = ""
+    """folder of kept results in the working folder; "" for the one common to all commands"""
 
     def call(self, file: str) -> Callable[[], object]:
         """Function that runs the command in the working folder."""
@@ -63,7 +66,13 @@ class Verb:
         if arguments[0] == "read":
             return lambda: sys.stdout.write(read_all(Path(arguments[1])))
         command = acquire if arguments[0] == "acquire" else analyze
-        return lambda: command.main(arguments[1:], prog_name=arguments[0])
+
+        def run() -> None:
+            if self.cache:
+                os.environ["XDG_CACHE_HOME"] = str(Path.cwd() / self.cache)
+            command.main(arguments[1:], prog_name=arguments[0])
+
+        return run
 
 
 @dataclass(frozen=True)
@@ -78,6 +87,8 @@ class Target:
     verbs: tuple[Verb, ...]
     text: bool = False
     """True for a file of text"""
+    replaceable: bool = False
+    """True for a file of the program's own, which commands may replace or remove"""
 
 
 def read_all(path: Path) -> str:
@@ -129,6 +140,8 @@ RECORDING_VERBS = (
     Verb("rebase", ("analyze", "rebase", "{file}", "--object", "other.toml", "-o", "new.mcap")),
     Verb("gravity", ("analyze", "gravity", "{file}"), usual_s=1.0),
     Verb("score", ("analyze", "score", "{file}")),
+    Verb("frame-rate", ("analyze", "frame-rate", "{file}", "--marker-size-mm", "30"), usual_s=1.0),
+    Verb("calibrate", ("analyze", "calibrate", "{file}", "-o", "new.toml"), usual_s=1.0),
     Verb("import", ("analyze", "import", "{file}", "--object", "other.toml", "-o", "new.mcap")),
     Verb(
         "plan --given", ("analyze", "plan", "other.toml", "--given", "{file}", "-o", "new.json"), usual_s=1.0
@@ -141,6 +154,8 @@ OBJECT_VERBS = (
     Verb("shape --json", ("analyze", "shape", "{file}", "--json")),
     Verb("parts", ("analyze", "parts", "{file}")),
     Verb("plan", ("analyze", "plan", "{file}", "-o", "new.json", "--strikes", "3", "--no-cards")),
+    Verb("fixture", ("analyze", "fixture", "{file}", "-o", "held.toml"), usual_s=5.0),
+    Verb("print-tags", ("analyze", "print-tags", "--object", "{file}", "-o", "new.pdf"), usual_s=0.5),
     Verb("rebase", ("analyze", "rebase", "quick.mcap", "--object", "{file}", "-o", "new.mcap")),
     Verb("estimate", ("analyze", "estimate", "quick.mcap", "--object", "{file}", "--no-cache")),
     Verb("session", ("acquire", "session", "{file}", "plan.json", "-o", "new.mcap", "--rig", "rig.toml")),
@@ -240,6 +255,9 @@ def _rig_verbs() -> tuple[Verb, ...]:
         Verb("plan --camera", ("analyze", "plan", "object.toml", "--camera", "{file}", "--strikes", "3")),
         Verb("status", ("acquire", "status", "--rig", "{file}")),
         Verb("stop", ("acquire", "stop", "--rig", "{file}")),
+        Verb("check", ("acquire", "check", "{file}"), usual_s=3.0),
+        Verb("run", ("acquire", "run", "{file}"), usual_s=3.0),
+        Verb("strike --calibrate", ("acquire", "strike", "--calibrate", "--rig", "{file}", "--yes")),
     )
 
 

@@ -28,6 +28,7 @@ REFUSED = Outcome(1, 0.1, 0.1, 10, "", LINE, hung=False)
         ({"complaint": f"Traceback (most recent call last)\n{LINE}"}, ["traceback"]),
         ({"complaint": LINE + LINE}, ["not one line"]),
         ({"complaint": ""}, ["not one line"]),
+        ({"complaint": "", "output": "FAIL  camera        does not answer"}, []),
         ({"complaint": f"a.py:3: RuntimeWarning: overflow\n{LINE}"}, ["not one line"]),
         ({"code": 0, "complaint": "[ WARN:0@1.2] global loadsave.cpp\n"}, ["not one line"]),
         ({"memory_bytes": MEMORY_BYTES + 1}, ["memory"]),
