@@ -20,6 +20,7 @@ from schemas.session_manifest import LensModel, TimeSource
 from tests.analyze.calibration.boards import TrueBoard, TrueLens, facing, photograph
 from tests.analyze.importing.tip_videos import write_video
 from tests.analyze.tracking.rendering import Look
+from tests.full_disk import full_disk
 from tests.mcap_writer import McapWriter
 from tests.small_recording import START_NS, manifest, write_head
 
@@ -236,6 +237,16 @@ def test_unusable_input_is_one_line_with_the_remedy(folder, tmp_path, arguments,
     (line,) = out.stderr.splitlines()
     assert line.startswith("analyze: ")
     assert said in line
+
+
+def test_a_full_disk_leaves_no_camera_file(folder, tmp_path):
+    with full_disk(50):
+        out = run(folder, *SQUARES, "-o", tmp_path / "camera.toml")
+    assert out.exit_code == 1
+    (line,) = out.stderr.splitlines()
+    assert line.startswith(f"analyze: {tmp_path / 'camera.'}")
+    assert ": cannot be written: " in line
+    assert not list(tmp_path.iterdir())
 
 
 def test_bent_board_is_left_out_and_a_finger_does_no_harm(folder, tmp_path):

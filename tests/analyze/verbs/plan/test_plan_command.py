@@ -10,6 +10,7 @@ from click.testing import CliRunner
 
 from analyze.cli import main
 from analyze.verbs.plan.table import axis_text
+from tests.full_disk import full_disk
 from tests.places import CARTON, ROOT
 
 
@@ -46,6 +47,15 @@ def test_plan_prints_expected_accuracy(tmp_path: Path):
     assert plan["method"] == "ours"
     assert plan["prediction"]["com_rms_m"] == plan["predicted_com_sd_m"]
     assert len(plan["strikes"]) == 6
+
+
+def test_a_full_disk_leaves_no_plan(tmp_path: Path):
+    with full_disk(50):
+        done = run(str(CARTON), "-o", str(tmp_path / "plan.json"), "--strikes", "3")
+    assert done.exit_code == 1
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"analyze: {tmp_path / 'plan.json'}: cannot be written: ")
+    assert not list(tmp_path.iterdir())
 
 
 def test_plan_by_the_papers_method():
