@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from analyze.batch.analysis import analyse
 from analyze.batch.archive import find_sources
@@ -24,9 +25,11 @@ from analyze.batch.run import BatchOptions, plan_work, run_batch
 from analyze.batch.settings import BatchSettings
 from analyze.batch.worker_messages import Request
 from analyze.batch.worker_process import Limits, WorkerProcess, WorkerStoppedError
+from analyze.cli import main
 from analyze.errors import ArchiveError
 from tests.broken_files import KINDS
-from tests.quick_archive import body_of
+from tests.full_disk import full_disk
+from tests.quick_archive import body_of, quick_session
 
 
 def todo(archive, output, **options):
@@ -315,3 +318,18 @@ def test_query_can_read_the_tables_and_nothing_else(finished):
         with pytest.raises(ArchiveError) as caught:
             run_query(finished[0], sql)
         assert "\n" not in str(caught.value)
+
+
+def test_a_full_disk_is_one_line_and_the_next_run_completes(tmp_path):
+    quick_session(tmp_path / "quick.mcap", body_of(1), 1)
+    arguments = ["batch", str(tmp_path / "quick.mcap"), "--out", str(tmp_path / "results"), "-j", "1"]
+    with full_disk(50):
+        done = CliRunner().invoke(main, arguments)
+    assert done.exit_code == 1
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("analyze: ")
+    assert ": cannot be written: " in line
+    assert not list((tmp_path / "results" / "recordings").iterdir())
+    again = CliRunner().invoke(main, arguments)
+    assert again.exit_code == 0, again.output
+    assert "1 analysed" in again.output
