@@ -16,7 +16,7 @@ from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.joint import JointSolution, solve_joint
 from analyze.estimation.joint_model import JointModel, centre_line_shift, radius_sds
 from analyze.estimation.priors import ComPrior, SystematicErrors
-from analyze.estimation.radius_odds import probability_wrong
+from analyze.estimation.radius_odds import NOT_WRONG, WrongOdds, probability_wrong
 from analyze.geometry.edge_radius import ASSUMED, FACE_OVER_OWN
 from analyze.least_squares.intervals import normal_sd
 from analyze.types import Array, EquiPlane, RadiusPrior, RadiusSource
@@ -68,8 +68,8 @@ class RadiusCheck:
     """Pivot axes that are refuted; all that are stated if the mean of all is, otherwise single ones."""
     excess: float = 1.0
     """Factor on the sd of the statement by which it agrees with the strikes' own radius to 1 sigma."""
-    probability_wrong: float = 0.0
-    """Probability that the statement is wrong and says nothing about any edge."""
+    wrong: WrongOdds = NOT_WRONG
+    """Probabilities that the statement is wrong."""
 
     @property
     def refuted(self) -> bool:
@@ -142,25 +142,24 @@ def with_radius_not_given(
 
 
 def _with_doubt(
-    planes: Sequence[EquiPlane], excess: float, wrong: float, sources: Collection[RadiusSource] = STATED
+    planes: Sequence[EquiPlane], excess: float, wrong: WrongOdds, sources: Collection[RadiusSource] = STATED
 ) -> tuple[EquiPlane, ...]:
     """Strikes' planes in which stated edge radii have a larger sd, as the strikes make them unlikely.
 
     The sd grows by the factor `excess`, with which the mean radius by the strikes differs from the stated one
     by 1 sigma, as in averages of measurements that disagree (Birge 1932); not beyond the sd of a radius that
     is not given. It is at least that of a normal error with the 95 % interval of one that has the stated sd
-    or, with probability `wrong`, that of a radius not given: edges of one face may differ from the statement
-    although the mean agrees with it.
+    or, with the probability that the statement is wrong, that of a radius not given.
 
     Args:
         planes: Equi-planes of the strikes, in the object frame O.
         excess: Factor on the sd, at least 1.
-        wrong: Probability that the statement is wrong.
+        wrong: Probabilities that the statement is wrong.
         sources: Origins of the radii whose sd grows.
     """
-    odds = np.array([1 - wrong, wrong])
 
-    def larger(sd: float, added: float, limit: float) -> float:
+    def larger(sd: float, added: float, limit: float, probability: float) -> float:
+        odds = np.array([1 - probability, probability])
         mixed = normal_sd(np.array([max(sd, MIN_RADIUS_SD), limit]), odds) if limit > sd else sd
         return max(sd, min(float(np.hypot(sd, added)), limit), mixed)
 
@@ -169,9 +168,11 @@ def _with_doubt(
         more = np.sqrt(excess**2 - 1)
         return replace(
             prior,
-            common_sd=larger(prior.common_sd, more * prior.common_sd, ASSUMED.common_sd),
-            own_sd=larger(prior.own_sd, more * prior.sd, ASSUMED.own_sd),
-            face_sd=larger(prior.face_sd, FACE_OVER_OWN * more * prior.sd, ASSUMED.face_sd),
+            common_sd=larger(
+                prior.common_sd, more * prior.common_sd, ASSUMED.common_sd, wrong.any + wrong.alike
+            ),
+            own_sd=larger(prior.own_sd, more * prior.sd, ASSUMED.own_sd, wrong.any),
+            face_sd=larger(prior.face_sd, FACE_OVER_OWN * more * prior.sd, ASSUMED.face_sd, wrong.any),
         )
 
     return tuple(
@@ -210,7 +211,7 @@ def without_refuted_radii(
     if check is None:
         return tuple(planes), None
     if not check.refuted:
-        return _with_doubt(planes, check.excess, check.probability_wrong), check
+        return _with_doubt(planes, check.excess, check.wrong), check
     others = len(set(recorded_in)) - 1
     if others:
         com = centre_of_mass(planes, systematic, prior)
@@ -219,7 +220,7 @@ def without_refuted_radii(
         if not moved.holds and by_moving > check.difference_sds**2 - 2:
             return tuple(planes), replace(check, axis_ids=())
     # One radius for all edges that is wrong for some says little about the others.
-    others_doubted = _with_doubt(planes, 1.0, 1.0, (RadiusSource.STATED,))
+    others_doubted = _with_doubt(planes, 1.0, WrongOdds(any=1.0), (RadiusSource.STATED,))
     return with_radius_not_given(others_doubted, check.axis_ids), check
 
 

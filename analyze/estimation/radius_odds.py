@@ -5,20 +5,43 @@
 
 from __future__ import annotations
 
-import numpy as np
-from scipy.special import expit
+from dataclasses import dataclass
 
+import numpy as np
+from scipy.special import softmax
+
+from analyze.geometry.edge_radius import MAX_ASSUMED_RADIUS
 from analyze.types import Array
 
 WRONG_FRACTION = 0.1
 """Probability, before any strike, that a stated radius is wrong and says nothing about any edge."""
+WRONG_ALIKE_FRACTION = 0.1
+"""Probability, before any strike, that a stated radius is wrong and the edges are as alike as stated: 1.0 ±
+0.1 mm where all are 0.3 mm, by a slip of pen or gauge."""
 
 
-def probability_wrong(score: Array, information: Array, priors: tuple[Array, Array], offset: Array) -> float:
-    """Probability that stated radii of n edges are wrong: that the edges are like those of any object.
+@dataclass(frozen=True)
+class WrongOdds:
+    """Probabilities that a statement of edge radii is wrong, given the strikes."""
 
-    The odds are those before the strikes (`WRONG_FRACTION`) times the ratio of the strikes' marginal
-    likelihoods, with radii about the stated ones and with those assumed where none is given.
+    any: float = 0.0
+    """probability that the edges are like those of any object"""
+    alike: float = 0.0
+    """probability that the edges are as alike as stated, about another mean"""
+
+
+NOT_WRONG = WrongOdds()
+"""A statement that is right."""
+
+
+def probability_wrong(
+    score: Array, information: Array, priors: tuple[Array, Array], offset: Array
+) -> WrongOdds:
+    """Probabilities that stated radii of n edges are wrong.
+
+    The odds are those before the strikes (`WRONG_FRACTION`, `WRONG_ALIKE_FRACTION`) times the ratio of the
+    strikes' marginal likelihoods: with radii about the stated ones, with those assumed where none is given,
+    and with these but differing no more than stated.
 
     Args:
         score: (n,) derivative of the strikes' log likelihood by the radii, at the stated ones [1/m].
@@ -27,10 +50,15 @@ def probability_wrong(score: Array, information: Array, priors: tuple[Array, Arr
         offset: (n,) mean of radii that are not given, minus the stated ones [m].
     """
     stated, wide = priors
-    nowhere = np.zeros(len(score))
-    log_odds = float(np.log(WRONG_FRACTION / (1 - WRONG_FRACTION)))
-    log_odds += _log_marginal(score, information, offset, wide)
-    return float(expit(log_odds - _log_marginal(score, information, nowhere, stated)))
+    # The least covariance of two edges is that of the error which all of them share.
+    alike = stated + max(MAX_ASSUMED_RADIUS**2 / 12 - float(stated.min()), 0.0)
+    right = 1 - WRONG_FRACTION - WRONG_ALIKE_FRACTION
+    log_odds = np.log([right, WRONG_FRACTION, WRONG_ALIKE_FRACTION]) + [
+        _log_marginal(score, information, mean, covariance)
+        for mean, covariance in ((np.zeros(len(score)), stated), (offset, wide), (offset, alike))
+    ]
+    _, anyhow, alike_wrong = softmax(log_odds)
+    return WrongOdds(float(anyhow), float(alike_wrong))
 
 
 def _log_marginal(score: Array, information: Array, mean: Array, covariance: Array) -> float:

@@ -19,6 +19,7 @@ from analyze.estimation.equiplane import equiplane_from_fit
 from analyze.estimation.inertia import shape_prior
 from analyze.estimation.joint import MomentModel, solve_joint
 from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
+from analyze.estimation.radius_odds import probability_wrong
 from analyze.geometry.edge_radius import ASSUMED, OWN_FRACTION, stated_radius
 from analyze.types import EquiPlane, RadiusPrior, RadiusSource
 from schemas.object_spec import ObjectSpec
@@ -188,8 +189,31 @@ def test_right_statement_mostly_keeps_its_sd():
         planes, errors = session(seed, PLANNED + float(rng.normal(0, STATED_SD)), axes=NINE)
         checked, _ = without_refuted_radii(planes, [0] * len(planes), errors, PRIOR)
         sds += [checked[0].radius_prior.common_sd / STATED_SD]
-    assert np.median(sds) == pytest.approx(1.0, abs=0.01)
+    assert np.median(sds) == pytest.approx(1.0, abs=0.1)
     assert np.mean(sds) < 1.3
+
+
+@pytest.mark.parametrize(
+    ("measured_mm", "sd_mm", "likely"),
+    [
+        ((1.0, 1.0, 1.0), 9.0, 0),
+        ((1.0, 1.1, 0.9), 0.05, 0),
+        ((0.3, 0.3, 0.4), 0.1, 2),
+        ((0.1, 1.4, 0.6), 0.1, 1),
+    ],
+)
+def test_odds_tell_a_wrong_mean_from_edges_that_differ(measured_mm, sd_mm, likely):
+    """Stated are 1.0 ± 0.1 mm for three edges of three faces; hypotheses: right, unlike, alike but wrong."""
+    information = np.eye(3) / (1e-3 * sd_mm) ** 2
+    off = 1e-3 * np.array(measured_mm) - 1e-3
+    stated = 1e-8 * (np.ones((3, 3)) + 0.2 * np.eye(3))
+    wide = ASSUMED.common_sd**2 + np.eye(3) * (ASSUMED.face_sd**2 + ASSUMED.own_sd**2)
+    wrong = probability_wrong(information @ off, information, (stated, wide), np.full(3, ASSUMED.mean - 1e-3))
+    odds = [1 - wrong.any - wrong.alike, wrong.any, wrong.alike]
+    assert np.argmax(odds) == likely
+    assert odds[likely] > 0.75
+    if sd_mm > 5:
+        assert odds == pytest.approx([0.8, 0.1, 0.1], abs=0.01)
 
 
 def test_strikes_that_hardly_determine_the_radius_leave_its_statement():

@@ -42,7 +42,7 @@ def solved(estimate, planes, systematic=None):
 
 
 def test_influence_of_a_strike_agrees_with_a_new_estimate(estimate):
-    planes = equiplanes(estimate.evidence, estimate.evidence.motions)
+    planes = estimate.fitted_planes
     # The new estimate weighs the strikes by a new scatter.
     before = solved(estimate, planes).x[COM]
     for i in (0, 5, 11):

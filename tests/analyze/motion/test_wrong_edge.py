@@ -150,7 +150,8 @@ LINES = (SupportLine(0.0, 0.0, 0.0), SupportLine(0.004, 0.001, 0.25, 0.01))
         (0.26, PivotPlace(2e-4, 6e-4), True),
         (0.24, PivotPlace(2e-4, 6e-4), False),
         (0.15, PivotPlace(4e-3, 6e-4), True),
-        (0.15, PivotPlace(1.5e-3, 6e-4), False),
+        (0.15, PivotPlace(1.6e-3, 6e-4), True),
+        (0.15, PivotPlace(1.4e-3, 6e-4), False),
         (0.15, PivotPlace(-9e-4, 1e-4), False),
     ],
 )
