@@ -20,6 +20,7 @@ import click
 from acquire.console.virtual_options import refuse_truth_of_ours, virtual_options
 from acquire.errors import AcquireError, CameraNotFound, DaemonSilent
 from schemas.command_line import Commands, NumberRange, one_line_errors, version_option
+from schemas.input_file import read_text
 from schemas.plain_text import echo
 from schemas.wording import counted
 
@@ -100,7 +101,7 @@ def run(rig: Path, as_json: bool, parent: int | None) -> None:
         sys.stdout.flush()
 
     parent_alive = (lambda: True) if parent is None else (lambda: os.getppid() == parent)
-    Daemon(config, rig.read_text(encoding="utf-8")).run(ready, parent_alive)
+    Daemon(config, read_text(rig)).run(ready, parent_alive)
 
 
 @main.command()

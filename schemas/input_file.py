@@ -95,9 +95,11 @@ def _too_large(path: Path, most: int) -> OSError:
 def read_text(path: Path) -> str:
     """Text of a regular file in UTF-8, of at most `MAX_TEXT_BYTES` bytes, with line feeds as ends of lines.
 
+    A byte order mark at the beginning, as editors of Windows write it, is left out.
+
     Raises:
         OSError: as for `read_bytes`.
         UnicodeDecodeError: the file is not UTF-8 text.
     """
-    text = read_bytes(path, MAX_TEXT_BYTES).decode("utf-8")
+    text = read_bytes(path, MAX_TEXT_BYTES).decode("utf-8-sig")
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text

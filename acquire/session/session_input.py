@@ -8,6 +8,7 @@ from pathlib import Path
 
 from acquire.errors import SessionError
 from schemas.document import DocumentError
+from schemas.input_file import read_text
 from schemas.object_spec import ObjectSpec, object_sha256, read_object_spec
 from schemas.strike_plan import StrikePlan, read_strike_plan
 from schemas.watch_lines import SeenMarker
@@ -42,8 +43,8 @@ class SessionInput:
             self.plan = read_strike_plan(self.plan_path)
         except DocumentError as error:
             raise SessionError(str(error)) from None
-        self.object_toml = self.object_path.read_text(encoding="utf-8")
-        self.plan_json = self.plan_path.read_text(encoding="utf-8")
+        self.object_toml = read_text(self.object_path)
+        self.plan_json = read_text(self.plan_path)
         if self.spec.shape.file is not None:
             shape_path = self.object_path.parent / self.spec.shape.file
             try:

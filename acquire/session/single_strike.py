@@ -14,6 +14,7 @@ from acquire.daemon.client import DaemonClient
 from acquire.errors import ConfigError, SessionError, StrikerRefused
 from acquire.striker.base import StrikeOutcome
 from acquire.striker.calibration import MeasuredSwing, StrikerParameters
+from schemas.input_file import read_text
 from schemas.output_file import OutputError, write_text
 from schemas.rig import RigConfig
 from schemas.rig_limits import MIN_ARM_SPEED_RAD_S, tip_speeds
@@ -278,7 +279,7 @@ def write_striker(path: Path, entries: Mapping[str, str]) -> None:
         ConfigError: the file cannot be read or written, or has no section written as `[striker]`.
     """
     try:
-        text: str | None = path.read_text(encoding="utf-8")
+        text: str | None = read_text(path)
         for key, value in entries.items():
             text = None if text is None else with_entry(text, "striker", key, value)
         if text is None:

@@ -262,7 +262,7 @@ def _exterior(object_path: Path, folder: Path, name: str) -> _Exterior:
         reason = done.stderr.strip().removeprefix("analyze: ").replace(str(object_path), name)
         raise ConfigError(reason or f"{name}: `analyze shape` ended with code {done.returncode}")
     found = json.loads(done.stdout)
-    shape = _parse(object_path.read_text(encoding="utf-8"), name).shape
+    shape = _parse(read_text(object_path), name).shape
     if shape.box is not None:
         vertices, faces = box_mesh(np.array(shape.box.size_m) / 2)
     elif shape.cylinder is not None:

@@ -11,6 +11,7 @@ from analyze.cameras.calibrate import CalibrationAnswer
 from analyze.cameras.rig_file import read_rig
 from analyze.errors import CalibrationError
 from schemas.document import validate
+from schemas.input_file import read_text
 from schemas.output_file import write_text
 from schemas.session_manifest import CameraCalibrationSpec
 from schemas.toml_table import with_table
@@ -126,7 +127,7 @@ def write_into_rig(answer: CalibrationAnswer, rig: Path) -> None:
     """
     if calibration_spec(answer) is None:
         raise _unplaced(rig)
-    text = with_table(rig.read_text(encoding="utf-8"), TABLE, toml_entries(answer))
+    text = with_table(read_text(rig), TABLE, toml_entries(answer))
     if text is None:
         raise CalibrationError(
             f"{rig}: has no plain table [{TABLE}] to write into: copy what -o writes by hand"

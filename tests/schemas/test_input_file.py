@@ -64,3 +64,9 @@ def test_a_regular_file_is_read_as_open_reads_it(tmp_path):
     assert read_text(path) == path.read_text(encoding="utf-8")
     assert read_bytes(path) == path.read_bytes()
     assert len(path.read_bytes()) < MAX_TEXT_BYTES
+
+
+def test_a_byte_order_mark_is_left_out(tmp_path):
+    path = tmp_path / "object.toml"
+    path.write_bytes("mass_kg = 1.0\r\n".encode("utf-8-sig"))
+    assert read_text(path) == "mass_kg = 1.0\n"

@@ -25,6 +25,7 @@ from analyze.pipeline.read_evidence import read_head
 from analyze.progress import Progress, no_progress
 from analyze.tracking.camera_model import camera_from_spec
 from analyze.types import Array, CameraModel
+from schemas.input_file import read_text
 from schemas.output_file import write_text
 from schemas.toml_table import with_table
 from schemas.wording import counted
@@ -229,7 +230,7 @@ def write_level(answer: GravityAnswer, rig: Path) -> None:
         OutputError: the file cannot be written.
     """
     answer.refuse_undetermined()
-    text = with_table(rig.read_text(encoding="utf-8"), TABLE, level_entries(answer))
+    text = with_table(read_text(rig), TABLE, level_entries(answer))
     if text is None:
         lines = "; ".join(f"{key} = {value}" for key, value in level_entries(answer).items())
         raise CalibrationError(f"{rig}: has no plain table [{TABLE}] to write into: add by hand {lines}")

@@ -35,6 +35,7 @@ from analyze.registration.table import LAID_BOARD, UNKNOWN_TABLE
 from analyze.registration.views import StrikeView, strike_view
 from analyze.tracking.camera_model import camera_from_spec
 from analyze.types import Array, Marker
+from schemas.input_file import read_text
 from schemas.object_spec import ObjectSpec, parse_object_spec, read_object_spec
 from schemas.output_file import OutputError, write_text
 from schemas.proto import percuss_pb2 as pb
@@ -213,7 +214,7 @@ def write_table(answer: RegisterAnswer, rig: Path) -> None:
     refuse_undetermined(answer)
     (found,) = answer.registration.tables
     pose = pose_toml(found.T_world_camera)
-    text = with_entry(rig.read_text(encoding="utf-8"), CALIBRATION, CAMERA_POSE, pose)
+    text = with_entry(read_text(rig), CALIBRATION, CAMERA_POSE, pose)
     if text is None:
         raise CalibrationError(
             f"{rig}: has no plain table [{CALIBRATION}] to write into: add by hand {CAMERA_POSE} = {pose}"
@@ -368,7 +369,7 @@ def _object_toml(head: RecordingHead, options: RegisterOptions) -> str:
     """
     if options.object_path is not None:
         read_object_spec(options.object_path)
-        return options.object_path.read_text(encoding="utf-8")
+        return read_text(options.object_path)
     with open_recording(head.path) as recording:
         attached = recording.attachments.get(OBJECT_ATTACHMENT)
     if attached is None:
