@@ -14,6 +14,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO
 
+from pydantic import TypeAdapter
+
 from analyze.errors import ArchiveError
 
 FOLDER = "ledger"
@@ -41,6 +43,9 @@ class Entry:
     """names of the files that belong to the recording"""
 
 
+_ENTRY = TypeAdapter(Entry)
+
+
 def read_ledgers(output: Path) -> dict[str, Entry]:
     """Read all ledgers in a folder of results.
 
@@ -55,9 +60,8 @@ def read_ledgers(output: Path) -> dict[str, Entry]:
         for line in path.read_bytes().splitlines():
             try:
                 fields = json.loads(line)
-                number = int(fields.pop("run"))
-                entry = Entry(**fields)
-            except (ValueError, TypeError, KeyError):
+                number, entry = int(fields["run"]), _ENTRY.validate_python(fields)
+            except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
                 continue
             if entry.url not in found or number >= found[entry.url][0]:
                 found[entry.url] = (number, entry)

@@ -18,7 +18,7 @@ from click.testing import CliRunner
 
 from analyze.batch.analysis import analyse
 from analyze.batch.archive import find_sources
-from analyze.batch.ledger import Ledger
+from analyze.batch.ledger import Ledger, read_ledgers
 from analyze.batch.query import read_recording_rows, run_query
 from analyze.batch.result_rows import STAMPS
 from analyze.batch.run import BatchOptions, plan_work, run_batch
@@ -204,6 +204,23 @@ def test_shards_are_disjoint_and_complete(archive, tmp_path):
 
 
 @pytest.mark.usefixtures("in_process")
+def test_lines_that_are_no_entries_are_skipped(tmp_path):
+    folder = tmp_path / "ledger"
+    folder.mkdir()
+    entry = {
+        "run": 1,
+        "url": "a.mcap",
+        "source_id": "1",
+        "settings": "2",
+        "analysis_version": "3",
+        "key": "4",
+    }
+    entry |= {"run": 1, "url": "a.mcap", "failure": "", "reason": "", "own_files": ["a.mcap"]}
+    lines = [b"0", b"[]", b"\xff", b"[" * 100000, b'{"run": 1e999}', json.dumps(entry | {"url": 7}).encode()]
+    (folder / "all.jsonl").write_bytes(b"\n".join([*lines, json.dumps(entry).encode()]))
+    assert list(read_ledgers(tmp_path)) == ["a.mcap"]
+
+
 def test_ledger_with_an_unfinished_line_loses_only_that_line(archive, copied):
     ledger = copied / "ledger" / "all.jsonl"
     ledger.write_bytes(ledger.read_bytes()[:-30])
