@@ -264,7 +264,7 @@ def read_records(folder: Path) -> list[SessionRecord]:
     for path in sorted(folder.glob("*.json")):
         try:
             data = json.loads(read_text(path))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise RecordingError(
                 f"{path}: cannot be read ({error}): remove the file and analyse its recording again"
             ) from None
