@@ -26,7 +26,7 @@ from schemas.session_manifest import SessionManifest
 BATCH_S: Final = 0.05
 """interval between batches of small messages [s]"""
 BATCH_LIMIT_BYTES: Final = 8 << 20
-"""bytes that may wait while the capture process does not read; beyond it messages are dropped and counted"""
+"""bytes that may wait while the capture process does not read; beyond it messages are refused"""
 REPLY_TIMEOUT_S: Final = 10.0
 START_TIMEOUT_S: Final = 30.0
 FINISH_TIMEOUT_S: Final = 90.0
@@ -120,7 +120,6 @@ class CaptureProcess:
         self._sender: threading.Thread | None = None
         self._heartbeat: HeartbeatListener | None = None
         self._hung = False
-        self.dropped_messages = 0
 
     @property
     def alive(self) -> bool:
@@ -246,16 +245,19 @@ class CaptureProcess:
             **self._call({"op": "close_window", "end_ns": end_ns}, timeout_s=FINISH_TIMEOUT_S)
         )
 
-    def write(self, topic_name: str, log_time_ns: int, data: bytes) -> None:
+    def write(self, topic_name: str, log_time_ns: int, data: bytes) -> bool:
         """Record one small message, without waiting.
 
-        Messages travel in batches, in order, and before any later command. A message is dropped and counted
-        in `dropped_messages` if the process does not run, or more than BATCH_LIMIT_BYTES wait for it.
+        Messages travel in batches, in order, and before any later command.
 
         Args:
             topic_name: name of a small topic (any topic but the camera's images and frame metadata).
             log_time_ns: log time [ns].
             data: serialised message.
+
+        Returns:
+            False if the message is not taken: the process does not run, or more than BATCH_LIMIT_BYTES wait
+            for it.
 
         Raises:
             RecorderError: no such topic.
@@ -264,10 +266,10 @@ class CaptureProcess:
             raise RecorderError(f"topic {topic_name!r} is not one of a recording's small topics")
         with self._batch_lock:
             if len(self._batch) > BATCH_LIMIT_BYTES or self._socket is None:
-                self.dropped_messages += 1
-                return
+                return False
             number = self._batch_topics.setdefault(topic_name, len(self._batch_topics))
             self._batch += wire.pack_message(number, log_time_ns, data)
+            return True
 
     def status(self) -> CaptureStatus:
         """Ask the process for the health of camera and recorder, and return it.

@@ -35,6 +35,7 @@ from schemas.calibration_message import calibration_message
 from schemas.rig import RigConfig
 from schemas.session_manifest import SessionManifest
 from schemas.watch_lines import WatchEvent
+from schemas.wording import counted
 
 T = TypeVar("T")
 
@@ -178,27 +179,40 @@ class LiveRecording:
 
     # --- messages and windows ---
 
-    def write(self, topic: topics.Topic, message: Any, host_time_ns: int | None = None) -> None:
+    def write(self, topic: topics.Topic, message: Any, host_time_ns: int | None = None) -> bool:
         """Record a small message; during an interruption the next file gets it.
 
-        Does nothing if no recording is open.
+        Does nothing if no recording is open. Messages that the capture process does not take, as too many
+        wait for it, are counted, and reported as soon as it takes one again.
 
         Args:
             topic: topic of the message.
             message: protobuf message of the topic's type.
             host_time_ns: host monotonic time of the message [ns]; None: now.
+
+        Returns:
+            False if the message is not recorded.
         """
         opened = self._open
         if opened is None:
-            return
+            return False
         host_time_ns = self._clock.monotonic_ns() if host_time_ns is None else host_time_ns
         entry = (topic, opened.manifest.wall_anchor_ns + host_time_ns, message.SerializeToString())
         if opened.broken:
             with self._changed:
                 if opened.broken:
                     opened.waiting.append(entry)
-                    return
-        self._capture.write(topic.name, *entry[1:])
+                    return True
+        if not self._capture.write(topic.name, *entry[1:]):
+            opened.refused += 1
+            return False
+        if opened.refused:
+            refused, opened.refused = opened.refused, 0
+            self._complain(
+                f"{counted(refused, 'message')} of striker and session were not recorded: the capture process"
+                " took none for too long: see `acquire status`"
+            )
+        return True
 
     def log(self, text: str, level: Any = Log.Level.INFO) -> None:
         """Record a line of text with a severity (foxglove.Log level), if a recording is open."""
@@ -225,15 +239,19 @@ class LiveRecording:
             RecordingBroken: the strike's images are in a file that was cut short, or the capture process
                 died with the message.
             SessionError: no recording is open.
-            RecorderError: the recording could not continue.
+            RecorderError: the recording could not continue, or the capture process takes no messages.
         """
         opened = self._uninterrupted()
         opened.refuse_earlier_file(message.window_start_ns)
-        self.write(topics.SESSION_STRIKE, message)
+        taken = self.write(topics.SESSION_STRIKE, message)
         try:
             self._capture.status()
         except CaptureGone as error:
             raise RecordingBroken(str(error)) from None
+        if not taken:
+            raise RecorderError(
+                "the strike was not recorded: the capture process takes no messages: see `acquire status`"
+            )
 
     def require_space(self) -> None:
         """Raise RecorderError if the disk has no room for the images of a window (time span of a strike).

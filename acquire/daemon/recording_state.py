@@ -38,6 +38,8 @@ class RecordingState:
     """reason why nothing is recorded now; empty while the capture process records"""
     waiting: list[tuple[topics.Topic, int, bytes]] = field(default_factory=list)
     """(topic, log time [ns], serialised message) of small messages for the next file"""
+    refused: int = 0
+    """number of small messages that the capture process did not take, and that were not reported yet"""
     salvages: list[Salvage] = field(default_factory=list)
     """recoveries of files that were cut short, in order"""
 

@@ -16,7 +16,7 @@ import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from mcap.reader import make_reader
 
-from acquire.capture.link import CaptureProcess
+from acquire.capture.link import BATCH_LIMIT_BYTES, CaptureProcess
 from acquire.errors import CameraNotFound, RecorderError
 from schemas.proto import percuss_pb2 as pb
 from schemas.rig import CameraConfig, RecorderConfig, RigConfig
@@ -173,6 +173,29 @@ def test_small_topics_arrive_in_order_and_complete(tmp_path: Path, environment: 
         range(3000)
     )
     assert [m.sequence for m in found["/striker/sample"]] == list(range(3000))
+
+
+def test_a_process_that_does_not_read_takes_no_more_than_it_can(
+    tmp_path: Path, environment: pytest.MonkeyPatch
+) -> None:
+    capture = CaptureProcess(rig(), COMMAND)
+    capture.start()
+    try:
+        capture.open_recording(tmp_path / "a.mcap", manifest_of_a_box(), [])
+        pid = capture._process.pid  # type: ignore[union-attr]
+        os.kill(pid, signal.SIGSTOP)
+        taken = 0
+        while capture.write("/log", 1, b" " * (1 << 16)) and taken < 2000:
+            taken += 1
+        os.kill(pid, signal.SIGCONT)
+        assert BATCH_LIMIT_BYTES >> 16 <= taken < 2000
+        end = time.monotonic() + 10
+        while not capture.write("/log", 2, b"later") and time.monotonic() < end:
+            time.sleep(0.05)
+        capture.close_recording()
+    finally:
+        capture.stop()
+    assert len(read(tmp_path / "a.mcap")["/log"]) == taken + 1
 
 
 def test_lost_frames_are_counted_where_they_were_lost(
