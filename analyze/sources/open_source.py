@@ -6,12 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from analyze.errors import ImportRefused
+from analyze.sources.image_file import IMAGE_SUFFIXES
 from analyze.sources.image_folder import ImageFolder
 from analyze.sources.listed_timing import table_beside
 from analyze.sources.message_files import is_message_file
 from analyze.sources.source import FrameSource
 from analyze.sources.topic_source import TopicSource
 from analyze.sources.video import VideoSource
+from analyze.sources.video_container import VIDEO_SUFFIXES
+from schemas.wording import counted
 
 OWN_TIMES = Path("-")
 """in place of a table of times: the times that the source itself has, whatever table lies beside it"""
@@ -50,8 +53,8 @@ def open_source(path: Path, options: SourceOptions) -> FrameSource:
         The source; images are read from it with `frames` or `files`.
 
     Raises:
-        ImportRefused: the path does not exist, it is no readable source or a ROS 1 bag, or a given option
-            does not apply to this kind of source.
+        ImportRefused: the path does not exist, it is no readable source, a ROS 1 bag or a folder of videos,
+            or a given option does not apply to this kind of source.
     """
     if not path.exists():
         raise ImportRefused(f"{path}: no such file or folder: check the path")
@@ -71,6 +74,7 @@ def open_source(path: Path, options: SourceOptions) -> FrameSource:
     if options.topic is not None:
         raise ImportRefused(f"{path}: --topic applies to MCAP files and ROS 2 bags only: leave it out")
     if path.is_dir():
+        _refuse_videos(path)
         if options.capture_hz is not None:
             raise ImportRefused(
                 f"{path}: --capture-fps applies to videos only, a folder's images have the times of its CSV: "
@@ -78,6 +82,17 @@ def open_source(path: Path, options: SourceOptions) -> FrameSource:
             )
         return ImageFolder(path, times)
     return _open_video(path, options)
+
+
+def _refuse_videos(folder: Path) -> None:
+    """Raise ImportRefused if a folder contains videos and no images: each video is a source of its own."""
+    suffixes = {path.suffix.lower() for path in folder.iterdir()}
+    videos = sorted(path for path in folder.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES)
+    if videos and suffixes.isdisjoint(IMAGE_SUFFIXES):
+        raise ImportRefused(
+            f"{folder}: contains {counted(len(videos), 'video')} and no images: name the videos themselves,"
+            f" as {folder}/*{videos[0].suffix}"
+        )
 
 
 def _open_video(path: Path, options: SourceOptions) -> VideoSource:

@@ -17,6 +17,8 @@ CAPTURE_RATE_KEY = "com.android.capture.fps"
 MAX_RATE_HZ = 1e6
 """largest capture rate that is believed [Hz]"""
 MP4_SUFFIXES = {".mp4", ".mov", ".m4v", ".3gp"}
+VIDEO_SUFFIXES = MP4_SUFFIXES | {".mkv", ".webm", ".avi", ".mts", ".m2ts", ".mpg", ".mpeg", ".wmv"}
+"""endings of the names of common video files; others are read as well, by their content"""
 
 
 def begins_like_mp4(path: Path) -> bool:

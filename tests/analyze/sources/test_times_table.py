@@ -170,3 +170,9 @@ def test_one_table_for_each_source(tmp_path):
     assert [each.times for each in some.source_options()] == [tmp_path / "a.csv", OWN_TIMES]
     with pytest.raises(ImportRefused, match="--times is given 1 time for 2 sources"):
         ImportOptions(paths, tmp_path, tmp_path, None, times=(tmp_path / "a.csv",)).source_options()
+
+
+def test_a_folder_of_videos_is_told_to_name_them(tmp_path):
+    _video(tmp_path)
+    with pytest.raises(ImportRefused, match=r"contains 1 video and no images: name the videos .*/\*\.\w+$"):
+        open_source(tmp_path, SourceOptions())
