@@ -120,7 +120,7 @@ def _refuse_fragment(vertices: Array, faces: IntArray, closing: IntArray, what: 
         float(np.linalg.norm(polyhedron.area_vectors(vertices[each]), axis=1).sum())
         for each in (faces, closing)
     )
-    share = missing / (given + missing)
+    share = missing / (given + missing) if given else 1.0
     if share > MAX_CLOSED_SHARE:
         raise ShapeError(f"{what} {100 * share:.0f} % of its surface is missing): {REMEDY}")
 

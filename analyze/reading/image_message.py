@@ -15,7 +15,8 @@ from schemas.mcap.records import ContainerError
 
 _WIDTH, _HEIGHT, _ENCODING, _STEP, _DATA = 2, 3, 4, 5, 6
 """field numbers of foxglove.RawImage"""
-_PNG_END = b"IEND\xaeB`\x82"
+PNG_END = b"\0\0\0\0IEND\xae\x42\x60\x82"
+"""last chunk of every PNG file: length, name and checksum (ISO/IEC 15948)"""
 _KNOWN_TO_PILLOW = (
     b"\x89PNG",
     b"\xff\xd8",
@@ -90,7 +91,7 @@ def _is_sound(data: bytes, *, verified: bool) -> bool:
             image = Image.open(BytesIO(data))
             if image.format == "PNG":
                 image.verify()  # its checksums, but for the last one
-                return _PNG_END in data
+                return PNG_END in data
             if not verified:
                 image.load()
     except UnidentifiedImageError:

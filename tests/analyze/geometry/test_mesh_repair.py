@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import trimesh
 
+from analyze.errors import ShapeError
+from analyze.geometry.mesh_holes import fill_holes
 from tests.analyze.geometry.shapes import SIZE, box_mesh, box_triangles, load, mesh_bytes, stl
 
 
@@ -137,3 +140,9 @@ def test_self_intersecting_surface_counts_once():
     once = abs(trimesh.Trimesh(bent, rod.faces, process=False).volume) / 1.2 * 1e-9
     assert np.isclose(model.volume, once, rtol=0.03)
     assert any("intersects itself" in note for note in model.warnings)
+
+
+def test_a_surface_without_area_is_refused():
+    along = np.outer(np.arange(3.0), [1.0, 2.0, 3.0])
+    with pytest.raises(ShapeError, match="100 % of its surface is missing"):
+        fill_holes(along, np.array([[0, 1, 2]]), "thing.stl")

@@ -142,3 +142,10 @@ def test_damaged_image_files_give_none():
     png, jpeg = coded(tip()[0]), coded(tip()[0], ".jpg")
     for damaged in (b"", b"x", png[:20], jpeg[:20], b"\xff\xd8", png[:8]):
         assert image_file(damaged) is None
+
+
+def test_a_png_whose_end_has_a_false_length_is_no_image(capfd):
+    png = bytearray(coded(tip()[0]))
+    png[-12] ^= 1
+    assert image_file(png) is None
+    assert capfd.readouterr().err == ""
