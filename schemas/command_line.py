@@ -182,7 +182,8 @@ def one_line_errors(command: str, *problems: type[Exception]) -> Callable[[Calla
                 end(PROBLEM)
             except OSError as error:
                 where = f"{error.filename}: " if error.filename else ""
-                end(PROBLEM, f"{where}{error.strerror or error}: check disk and permissions")
+                reason = error.strerror or " ".join(str(error).split())
+                end(PROBLEM, f"{where}{reason}: check disk and permissions")
             except (KeyboardInterrupt, click.Abort):  # click.Abort: Ctrl-C at a prompt
                 end(INTERRUPTED, "interrupted")
 

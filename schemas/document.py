@@ -188,8 +188,6 @@ def read_text(path: Path) -> str:
     except FileNotFoundError:
         raise DocumentError(f"{path}: no such file: check the path") from None
     except UnicodeDecodeError:
-        raise DocumentError(
-            f"{path}: is not a text file in UTF-8: save it as UTF-8"
-        ) from None
+        raise DocumentError(f"{path}: is not a text file in UTF-8: save it as UTF-8") from None
     except OSError as error:
         raise DocumentError(f"{path}: cannot be read: {error.strerror}") from None

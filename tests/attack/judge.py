@@ -19,6 +19,8 @@ RESULTS_OF_FAILURES = {"results", "new.rrd"}
 """outputs that stay: a batch's table holds the failure, a replay what could be read"""
 _NOISE = re.compile(r"\[ ?WARN|\[\w+ @|lib\w+ (warning|error)|Corrupt |.*(Warning|Error): ")
 """lines of libraries that reach standard error: OpenCV, FFmpeg, libpng, libjpeg, Python's warnings"""
+_ANNOUNCED = re.compile(r"(analyze|acquire|note): |s\d+: *$|.*expected energy ratio |\s*$")
+"""lines of a command that fails: complaint, remarks, and what `acquire strike` is about to do"""
 _FAILED_CHECK = "FAIL  "
 _COMMANDS = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 """characters that command a terminal or turn the order of writing"""
@@ -58,8 +60,9 @@ def last_words(outcome: Outcome) -> str:
 def is_one_line(outcome: Outcome) -> bool:
     """True if a command that failed reports so in one line, and no library writes beside it."""
     lines = outcome.complaint.splitlines()
-    if any(_NOISE.match(line) for line in lines):
+    failed = outcome.code in {1, 2}
+    if any(_NOISE.match(line) or (failed and not _ANNOUNCED.match(line)) for line in lines):
         return False
     own = sum(line.startswith(("analyze: ", "acquire: ")) for line in lines)
     # A failed check of a rig is a row of its table.
-    return own == 1 or outcome.code not in {1, 2} or (not lines and _FAILED_CHECK in outcome.output)
+    return own == 1 or not failed or (not lines and _FAILED_CHECK in outcome.output)

@@ -27,6 +27,8 @@ REFUSED = Outcome(1, 0.1, 0.1, 10, "", LINE, hung=False)
         ({"code": -9}, ["traceback"]),
         ({"complaint": f"Traceback (most recent call last)\n{LINE}"}, ["traceback"]),
         ({"complaint": LINE + LINE}, ["not one line"]),
+        ({"complaint": LINE + "beyond the line\n"}, ["not one line"]),
+        ({"complaint": f"note: 2 holes were closed\n{LINE}"}, []),
         ({"complaint": ""}, ["not one line"]),
         ({"complaint": "", "output": "FAIL  camera        does not answer"}, []),
         ({"complaint": f"a.py:3: RuntimeWarning: overflow\n{LINE}"}, ["not one line"]),

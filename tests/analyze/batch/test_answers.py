@@ -14,7 +14,7 @@ from scipy.special import stdtrit
 from analyze.batch.ledger import Entry, Ledger
 from analyze.batch.query import read_recording_rows, run_query
 from analyze.batch.query_output import print_answer, save_answer
-from analyze.batch.result_rows import read_rows, write_row
+from analyze.batch.result_rows import SCHEMA, read_rows, write_row, write_rows
 from analyze.batch.summary import summarise
 from analyze.batch.summary_output import render_summary, save_summary
 from analyze.errors import ArchiveError
@@ -175,7 +175,11 @@ def test_query_answer_fits_the_terminal_and_nothing_is_cut(columns, width):
         )
 
 
-def test_damaged_row_file_is_named(tmp_path):
-    (tmp_path / "row.parquet").write_bytes(b"PAR1 and no more")
+@pytest.mark.parametrize("damage", ["cut", "zeros"])
+def test_damaged_row_file_is_named(tmp_path, damage):
+    path = tmp_path / "row.parquet"
+    write_rows(pa.Table.from_pylist([{"key": "a", "url": "b.mcap"}], schema=SCHEMA), path)
+    data = path.read_bytes()
+    path.write_bytes(data[:20] if damage == "cut" else data[:4] + bytes(400) + data[404:])
     with pytest.raises(ArchiveError, match=r"row\.parquet: damaged: remove it"):
-        read_rows([tmp_path / "row.parquet"])
+        read_rows([path])
