@@ -205,13 +205,15 @@ def read_rows(paths: Sequence[Path]) -> pa.Table:
 
 def _read(path: Path) -> pa.Table:
     try:
-        return pq.read_table(path, schema=SCHEMA)
+        table = pq.read_table(path, schema=SCHEMA)
+        table.validate(full=True)  # its texts, too
     except (pa.ArrowException, OSError) as error:
         if getattr(error, "errno", None) is not None:  # by the system; pyarrow's own are of damage
             raise
         raise ArchiveError(
             f"{path}: damaged: remove it, then run `analyze batch` again to make it anew"
         ) from None
+    return table
 
 
 def _regions(result: Result) -> list[dict[str, Any]]:

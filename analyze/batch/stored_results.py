@@ -58,6 +58,7 @@ def _read_gathered(path: Path) -> pa.Table:
     """Read the file of gathered rows; an empty table if it is missing, damaged or has other columns."""
     try:
         table = pq.read_table(path)
+        table.validate(full=True)
     except (OSError, pa.ArrowException):
         return SCHEMA.empty_table()
     return table if table.schema.equals(SCHEMA) else SCHEMA.empty_table()

@@ -175,11 +175,16 @@ def test_query_answer_fits_the_terminal_and_nothing_is_cut(columns, width):
         )
 
 
-@pytest.mark.parametrize("damage", ["cut", "zeros"])
+@pytest.mark.parametrize("damage", ["cut", "zeros", "text"])
 def test_damaged_row_file_is_named(tmp_path, damage):
     path = tmp_path / "row.parquet"
     write_rows(pa.Table.from_pylist([{"key": "a", "url": "b.mcap"}], schema=SCHEMA), path)
     data = path.read_bytes()
-    path.write_bytes(data[:20] if damage == "cut" else data[:4] + bytes(400) + data[404:])
+    damaged = {
+        "cut": data[:20],
+        "zeros": data[:4] + bytes(400) + data[404:],
+        "text": data.replace(b"b.mcap", b"\xff.mcap"),
+    }
+    path.write_bytes(damaged[damage])
     with pytest.raises(ArchiveError, match=r"row\.parquet: damaged: remove it"):
         read_rows([path])
