@@ -19,7 +19,7 @@ RESULTS_OF_FAILURES = {"results", "new.rrd"}
 """outputs that stay: a batch's table holds the failure, a replay what could be read"""
 _NOISE = re.compile(r"\[ ?WARN|\[\w+ @|lib\w+ (warning|error)|Corrupt |.*(Warning|Error): ")
 """lines of libraries that reach standard error: OpenCV, FFmpeg, libpng, libjpeg, Python's warnings"""
-_ANNOUNCED = re.compile(r"(analyze|acquire|note): |s\d+: *$|.*expected energy ratio |\s*$")
+_ANNOUNCED = re.compile(r"(analyze|acquire|note|s\d+): |s\d+:$|.*expected energy ratio |\s*$")
 """lines of a command that fails: complaint, remarks, and what `acquire strike` is about to do"""
 _FAILED_CHECK = "FAIL  "
 _COMMANDS = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
