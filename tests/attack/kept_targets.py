@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 from pathlib import Path
@@ -10,6 +11,7 @@ import zstandard
 from rosbags.rosbag2 import StoragePlugin
 
 from tests.analyze.importing.foreign_files import images, write_bag
+from tests.analyze.sources.test_foreign_calibrations import CAMERA_INFO, ECHOED, KALIBR, PYTHONS
 from tests.attack.forked import run_forked
 from tests.attack.targets import Target, Verb, make_targets
 
@@ -24,9 +26,30 @@ def make_all_targets(folder: Path) -> list[Target]:
     return [
         *found,
         *_bags(folder, folders["plan"]),
+        *_calibrations(folder, folders["plan"]),
         *_batch(folder, folders["recording"]),
         *_kept(folder, folders["recording"]),
     ]
+
+
+def _calibrations(folder: Path, texts: Path) -> list[Target]:
+    """Calibrations that other programs write, in YAML and JSON."""
+    place = folder / "calibrations"
+    place.mkdir(exist_ok=True)
+    for each in ("object.toml", "plan.json", "times.csv"):
+        shutil.copy(texts / each, place / each)
+    shutil.copytree(texts / "images", place / "images", dirs_exist_ok=True)
+    given = ("--object", "object.toml", "--plan", "plan.json", "--times", "times.csv", "--camera", "{file}")
+    verbs = (Verb("import --camera", ("analyze", "import", "images", *given, "-o", "new.mcap")),)
+    files = {
+        "ros.yaml": CAMERA_INFO,
+        "kalibr.yaml": KALIBR,
+        "echoed.json": json.dumps(ECHOED),
+        "python.json": json.dumps(PYTHONS),
+    }
+    for name, text in files.items():
+        (place / name).write_text(text, encoding="utf-8")
+    return [Target(f"calibration ({name})", place, name, verbs, text=True) for name in files]
 
 
 def _bags(folder: Path, texts: Path) -> list[Target]:
