@@ -29,8 +29,11 @@ FLANK_TURN = np.radians(25.0)
 """Largest angle [rad] between neighbouring facets of a round flank: of 16 sides or more."""
 MAX_FACET_SHARE = 1 / 16
 """Fraction of the hull's area above which a face is no facet of a round flank."""
-LEAST_NEIGHBOUR = 0.1
-"""Area of a neighbour over that of a face below which it is a bevel or rounding of its edge, no facet."""
+LEAST_NEIGHBOUR = 0.25
+"""Area of a neighbour over that of a face below which it is a bevel or rounding of its edge, no facet.
+
+The facets of a circle have equal areas, and neighbours on an oval of 16 sides, 0.4 times as
+thick as wide, differ by a factor of 3 at most."""
 OPPOSITE_COSINE = -np.cos(np.radians(20.0))
 """Largest cosine between the directions to the two neighbours of a facet of a round flank."""
 

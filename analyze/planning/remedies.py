@@ -20,8 +20,8 @@ from schemas.rig_limits import MIN_TAG_EDGE_PX
 FRICTIONS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 """Friction coefficients of mats, in the order in which they are tried."""
 FRICTIONS_WITH_MASS = (0.6, 0.8, 1.0)
-"""Those that are tried together with another effective mass."""
-HEAVIER_KG, LIGHTER_KG = (0.35, 0.5, 0.8, 1.2), (0.1, 0.05)
+"""Those that are tried together with another effective mass, besides the largest that a mat may have."""
+HEAVIER_KG, LIGHTER_KG = (0.35, 0.5, 0.8, 1.2, 1.6), (0.1, 0.05)
 """Effective masses of the striker's arm [kg] that are tried, for strikes too fast and too slow for it."""
 LARGER_TAG = 1.1
 """Margin of a larger tag over the smallest legible one."""
@@ -139,7 +139,7 @@ def _bench_changes(prepared: PreparedObject, frictions: Sequence[float]) -> Iter
     masses += [mass for mass in LIGHTER_KG if mass < own and slowest < striker.slowest_m_s]
     if mats:
         yield [_bench_change(prepared, mat, own) for mat in mats]
-    rougher = [mat for mat in mats if mat in FRICTIONS_WITH_MASS]
+    rougher = [mat for mat in mats if mat in FRICTIONS_WITH_MASS or mat == mats[-1]]
     for mass in masses:
         yield [_bench_change(prepared, mat, mass) for mat in (prepared.bench.friction, *rougher)]
 

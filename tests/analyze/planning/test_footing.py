@@ -140,3 +140,20 @@ def test_a_facet_of_a_round_flank_is_no_face_to_stand_on():
     planes = resting_planes(model)
     found = footing(model, planes, hypothesis(model).region, 0.0)
     assert all(abs(plane.up[2]) > 0.99 for plane in found)
+
+
+def test_a_flat_end_between_rounded_edges_is_a_face_to_stand_on():
+    """A bar whose four upright edges are rounded by 8 mm, in facets 0.22 times as wide as its flat end."""
+    quarter = np.radians(np.linspace(0, 90, 5))
+    arc = 8 * np.column_stack([np.cos(quarter), np.sin(quarter)])
+    corners = [(np.array([72.0, 7.0]) + arc) * (x, y) for x in (1, -1) for y in (1, -1)]
+    outline = np.vstack(corners)
+    triangles = convex_triangles(
+        np.vstack([np.column_stack([outline, np.full(len(outline), z)]) for z in (0.0, 40.0)])
+    )
+    model = load_object_model(spec_for(triangles), stl(triangles), "bar.stl")
+    planes, region = resting_planes(model), hypothesis(model).region
+    ends = {plane.id for plane in planes if abs(plane.up[0]) > 0.999}
+    assert len(ends) == 2
+    assert ends <= {plane.id for plane in footing(model, planes, region, 0.5)}
+    assert not ends & {plane.id for plane in footing(model, planes, region, 1.0)}

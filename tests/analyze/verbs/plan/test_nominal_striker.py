@@ -27,6 +27,7 @@ def _file(folder: Path, mass_kg: float, size: str) -> Path:
     ("mass_kg", "size", "grams"),
     [
         (2.0, "[0.09, 0.07, 0.17]", 1200),
+        (2.8, "[0.09, 0.07, 0.17]", 1600),
         (0.015, "[0.03, 0.006, 0.05]", 50),
     ],
 )
@@ -68,6 +69,12 @@ def test_mat_and_heavy_striker_are_assumed_together(tmp_path):
     [note] = [each for each in plan_object(path, PlanOptions()).plan.warnings if "does not suffice" in each]
     assert "mat" in note
     assert "1200 g" in note
+
+
+def test_the_roughest_mat_is_tried_with_a_heavier_striker_too(tmp_path):
+    planned = plan_object(_file(tmp_path, 0.8, "[0.06, 0.06, 0.06]"), PlanOptions()).plan
+    [note] = [each for each in planned.warnings if "does not suffice" in each]
+    assert re.search(r"at least 0\.7 .* and an arm with an effective mass", note)
 
 
 def test_a_stated_striker_is_kept(tmp_path):
