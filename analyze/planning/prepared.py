@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -146,12 +147,18 @@ def prepare_object(
     search = _Search(model, spec, bench, believed, Information((), belief, shared))
     for share in Q_SCALES:
         known: set[str] = {plane.id for plane in search.standing}
-        search.standing = footing(model, planes, believed.region, share)
-        scanned, bare = scanned_planes(model, [plane for plane in search.standing if plane.id not in known])
-        axes, cut = scanned_edges(model, pivot_axes(model, spec, scanned, believed))
-        search.stable += scanned
-        search.rejected += [*bare, *cut]
-        search.waiting += [with_next_edge(model, axis, believed.region) for axis in axes]
+        search.standing = model.cached(
+            ("standing", *search.shape_key, share),
+            lambda model, share=share: footing(model, planes, believed.region, share),
+        )
+        new = [plane for plane in search.standing if plane.id not in known]
+        found = model.cached(
+            ("axes", *search.shape_key, *(plane.id for plane in new)),
+            lambda model, new=new: _axes_on(model, spec, new, believed),
+        )
+        search.stable += found.planes
+        search.rejected += found.rejected
+        search.waiting += found.axes
         if search.use_carrying(min(share, CARRYING_SHARE)) or search.use_next():
             break
     else:
@@ -173,6 +180,28 @@ def prepare_object(
         search.information,
         given,
     )
+
+
+@dataclass(frozen=True)
+class _AxesFound:
+    """Pivot axes of some faces: what depends on the shape, not on the bench (striker, camera, table)."""
+
+    planes: tuple[RestingPlane, ...]
+    """Those of the faces that were scanned."""
+    axes: tuple[PivotAxis, ...]
+    """Pivot axes on them, each with the edge that lands next."""
+    rejected: tuple[Rejection, ...]
+    """Faces and edges that were not scanned."""
+
+
+def _axes_on(
+    model: ObjectModel, spec: ObjectSpec, planes: Sequence[RestingPlane], believed: Hypothesis
+) -> _AxesFound:
+    """Pivot axes of some faces, each with the edge that lands next as the object tips over it."""
+    scanned, bare = scanned_planes(model, planes)
+    axes, cut = scanned_edges(model, pivot_axes(model, spec, scanned, believed))
+    next_edges = tuple(with_next_edge(model, axis, believed.region) for axis in axes)
+    return _AxesFound(tuple(scanned), next_edges, (*bare, *cut))
 
 
 @dataclass
@@ -206,6 +235,16 @@ class _Search:
     """Expected rms error of c [m] with the usable axes; inf if they do not determine it."""
     first: _Search | None = None
     """State in which c was determined first; None until then."""
+
+    @cached_property
+    def shape_key(self) -> tuple[str, bytes]:
+        """Object file and region Q: all that faces and axes depend on besides the shape.
+
+        Mats, strikers and fillings are tried in turn on one shape, for which both stay as they are.
+        """
+        region = self.believed.region
+        arrays = [region.centre, region.axes, region.half, np.array(region.groups)]
+        return self.spec.model_dump_json(), b"".join(each.tobytes() for each in arrays)
 
     def best(self) -> _Search:
         """This state, or the first one that determined c, if the axes added since are not `WORTHWHILE`."""
@@ -242,7 +281,13 @@ class _Search:
         """Use axes amid close lines, as of a rounding's facets; True if c is then known well."""
         region = self.believed.region
         return self._use_instead(
-            {axis.id: over_close_lines(self.model, axis, region) for axis in self.waiting}
+            {
+                axis.id: self.model.cached(
+                    ("close lines", *self.shape_key, axis.id),
+                    lambda model, axis=axis: over_close_lines(model, axis, region),
+                )
+                for axis in self.waiting
+            }
         )
 
     def _use_instead(self, others: Mapping[str, PivotAxis | None]) -> bool:
