@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import struct
+import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from schemas.mcap import records as container
 from schemas.mcap.records import ContainerError
-from schemas.mcap.summary import find_summary, parse_message_counts
+from schemas.mcap.summary import FOOTER_AND_MAGIC, find_summary, parse_message_counts
 from schemas.mcap.walk import walk
 from schemas.wording import counted
 
@@ -101,10 +102,38 @@ def read_listing(data: memoryview) -> Listing:
 
 
 def _summary_records(data: memoryview) -> Iterator[tuple[int, memoryview, memoryview]]:
-    """Yield the records of the summary as (opcode, whole record, body)."""
-    records = find_summary(data).records
+    """Yield the records of the summary as (opcode, whole record, body).
+
+    A record that was taken out of the file or put in displaces its summary, which then follows the data's end
+    all the same.
+
+    Raises:
+        ContainerError: there is no whole summary.
+    """
+    try:
+        records = find_summary(data).records
+    except ContainerError:
+        records = _displaced_summary(data)
     for opcode, at, body in walk(records):
         yield opcode, records[at : at + container.RECORD_HEAD + len(body)], body
+
+
+def _displaced_summary(data: memoryview) -> memoryview:
+    """Records between the end of the data and the footer, if their CRC says that they are the summary.
+
+    Raises:
+        ContainerError: they are not, or the walk from the file's beginning does not reach the data's end.
+    """
+    footer = len(data) - FOOTER_AND_MAGIC
+    for opcode, at, body in walk(data, len(container.MAGIC)):
+        if opcode == container.DATA_END:
+            start = at + container.RECORD_HEAD + len(body)
+            covered = data[start : footer + container.FOOTER_SIZE - 4]
+            (crc,) = struct.unpack_from("<I", data, footer + container.FOOTER_SIZE - 4)
+            if crc and start <= footer and zlib.crc32(covered) == crc:
+                return data[start:footer]
+            break
+    raise ContainerError("no whole summary")
 
 
 def _name_at(body: memoryview, offset: int) -> str:

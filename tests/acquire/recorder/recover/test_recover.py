@@ -183,8 +183,14 @@ def test_an_attachment_that_is_missing_is_reported(tmp_path: Path) -> None:
         (container.CHUNK, 1, "1 message that the summary counts: 1 on /camera/main/image"),
     ],
 )
-def test_what_only_the_summary_lists_is_reported(tmp_path: Path, opcode: int, number: int, line: str) -> None:
-    """The manifest states no hashes, and the record is taken out whole: no checksum notices it."""
+@pytest.mark.parametrize("displaced", [False, True])
+def test_what_only_the_summary_lists_is_reported(
+    tmp_path: Path, opcode: int, number: int, line: str, displaced: bool
+) -> None:
+    """The manifest states no hashes, and the record is taken out whole: no checksum notices it.
+
+    The footer still points at the summary, or at the place where it was.
+    """
     with McapWriter(tmp_path / "a.mcap") as writer:
         writer.metadata(MANIFEST_NAME, manifest_entries(canonical_json(small.manifest(hashes={}))))
         writer.metadata("note", {"by": "hand"})
@@ -202,8 +208,9 @@ def test_what_only_the_summary_lists_is_reported(tmp_path: Path, opcode: int, nu
     tail = bytearray(whole[-cut:])
     (summary,) = struct.unpack_from("<Q", tail, container.RECORD_HEAD)
     body = whole[summary:-cut]
-    struct.pack_into("<Q", tail, container.RECORD_HEAD, summary - (end - start))
-    struct.pack_into("<I", tail, container.RECORD_HEAD + 16, 0)
+    if not displaced:
+        struct.pack_into("<Q", tail, container.RECORD_HEAD, summary - (end - start))
+        struct.pack_into("<I", tail, container.RECORD_HEAD + 16, 0)
     (tmp_path / "b.mcap").write_bytes(whole[:start] + whole[end:summary] + body + tail)
     report = recover(tmp_path / "b.mcap", tmp_path / "c.mcap")
     assert (report.damaged_records, report.skipped_bytes, report.ended_properly) == (0, 0, True)
