@@ -26,7 +26,7 @@ from schemas import input_file
 from schemas.document_problems import problems_in_one_line
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
 
 SCHEMA_VERSION = "1.0"
@@ -34,6 +34,8 @@ POSE_TOLERANCE = 1e-3
 """Largest error of a rotation's column products: numbers typed by people have four digits."""
 MAX_TRANSLATION_M = 10.0
 """Largest component of a pose's translation [m]: no marker or camera of a table-top rig is farther away."""
+MAX_NUMBER = 1e30
+"""Largest size of a number in a document: far beyond every quantity, and its powers can be computed with."""
 
 T = TypeVar("T", bound=BaseModel)
 
@@ -137,14 +139,30 @@ def validate(model: type[T], data: object, name: str, remedy: str = "") -> T:
     Raises:
         DocumentError: the data are not valid; one line with `name`, the problems and the `remedy`.
     """
+    ending = f": {remedy}" if remedy else ""
     try:
-        return model.model_validate(data)
+        found = model.model_validate(data)
     except ValidationError as error:
         by_hand = issubclass(model, Document) and model.by_hand
         raise DocumentError(
-            f"{name}: "
-            f"{problems_in_one_line(error, model, data, by_hand=by_hand)}{f': {remedy}' if remedy else ''}"
+            f"{name}: {problems_in_one_line(error, model, data, by_hand=by_hand)}{ending}"
         ) from None
+    if (place := next(_numbers_beyond(data, MAX_NUMBER), None)) is not None:
+        raise DocumentError(f"{name}: {place}: should be at most {MAX_NUMBER:g} in size{ending}")
+    return found
+
+
+def _numbers_beyond(data: object, most: float, place: str = "") -> Iterator[str]:
+    """Yield the places of numbers in parsed JSON or TOML beyond `most` in size, as strikes.0.point.1."""
+    entries: Iterable[tuple[object, object]] = ()
+    if isinstance(data, dict):
+        entries = cast("dict[object, object]", data).items()
+    elif isinstance(data, list):
+        entries = enumerate(cast("list[object]", data))
+    elif isinstance(data, int | float) and abs(data) > most:
+        yield place
+    for key, value in entries:
+        yield from _numbers_beyond(value, most, f"{place}.{key}" if place else str(key))
 
 
 def refuse_other_major(data: object, name: str) -> None:

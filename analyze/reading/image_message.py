@@ -15,6 +15,7 @@ from schemas.mcap.records import ContainerError
 
 _WIDTH, _HEIGHT, _ENCODING, _STEP, _DATA = 2, 3, 4, 5, 6
 """field numbers of foxglove.RawImage"""
+PNG_START = b"\x89PNG\r\n\x1a\n"
 PNG_END = b"\0\0\0\0IEND\xae\x42\x60\x82"
 """last chunk of every PNG file: length, name and checksum (ISO/IEC 15948)"""
 _KNOWN_TO_PILLOW = (
@@ -91,7 +92,7 @@ def _is_sound(data: bytes, *, verified: bool) -> bool:
             image = Image.open(BytesIO(data))
             if image.format == "PNG":
                 image.verify()  # its checksums, but for the last one
-                return PNG_END in data
+                return _ends_like_png(data)
             if not verified:
                 image.load()
     except UnidentifiedImageError:
@@ -99,6 +100,16 @@ def _is_sound(data: bytes, *, verified: bool) -> bool:
     except Exception:  # Pillow's readers raise whatever the damaged byte leads to
         return False
     return True
+
+
+def _ends_like_png(data: bytes) -> bool:
+    """True if the last chunk of a PNG file, whose other chunks are sound, is what it must be."""
+    at, size = len(PNG_START), len(data)
+    while at + 12 <= size:
+        if data[at + 4 : at + 8] == b"IEND":
+            return data[at : at + 12] == PNG_END
+        at += 12 + int.from_bytes(data[at : at + 4], "big")
+    return False
 
 
 def encode_png(image: NDArray[np.uint8]) -> bytes:

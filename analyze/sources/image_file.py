@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from analyze.reading.image_message import PNG_END, decode_image_file, encode_png
+from analyze.reading.image_message import PNG_END, PNG_START, decode_image_file, encode_png
 from analyze.sources.jpeg import JPEG_START, jpeg_file
 from schemas.mcap.records import Buffer
 
@@ -12,7 +12,6 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".we
 """name endings of image files that are read"""
 JPEG, PNG = "jpeg", "png"
 """format names of foxglove.CompressedImage"""
-_PNG_START = b"\x89PNG\r\n\x1a\n"
 PNG_SIZE_OFFSET = 16
 """offset of the width, before the height, in every PNG file [bytes] (ISO/IEC 15948)"""
 
@@ -32,7 +31,7 @@ class ImageFile(NamedTuple):
 
 def is_image_file(data: Buffer) -> bool:
     """True if the bytes begin like a PNG or JPEG file."""
-    return bytes(data[: len(JPEG_START)]) == JPEG_START or bytes(data[: len(_PNG_START)]) == _PNG_START
+    return bytes(data[: len(JPEG_START)]) == JPEG_START or bytes(data[: len(PNG_START)]) == PNG_START
 
 
 def image_file(data: Buffer) -> ImageFile | None:
@@ -46,7 +45,7 @@ def image_file(data: Buffer) -> ImageFile | None:
     """
     if (jpeg := jpeg_file(data)) is not None:
         return ImageFile(JPEG, *jpeg)
-    if bytes(data[: len(_PNG_START)]) == _PNG_START and bytes(data[-len(PNG_END) :]) == PNG_END:
+    if bytes(data[: len(PNG_START)]) == PNG_START and bytes(data[-len(PNG_END) :]) == PNG_END:
         width, height = (
             int.from_bytes(data[at : at + 4], "big") for at in (PNG_SIZE_OFFSET, PNG_SIZE_OFFSET + 4)
         )

@@ -13,6 +13,7 @@ from schemas.document import DocumentError, canonical_json
 from schemas.object_spec import ObjectSpec, object_sha256, parse_object_spec, read_object_spec
 from schemas.strike_plan import StrikePlan, parse_strike_plan
 from schemas.tags import family_and_id, marker_name, name_order
+from tests.system.complaints import spec_and_plan
 
 GOOD = """
 name = "carton"
@@ -264,3 +265,12 @@ def test_any_text_is_a_plan_or_a_document_error(text):
 def test_any_json_is_a_plan_or_a_document_error(data):
     with contextlib.suppress(DocumentError):
         parse_strike_plan(json.dumps(data), "plan.json")
+
+
+def test_a_number_beyond_every_quantity_is_named():
+    plan = json.loads(canonical_json(spec_and_plan()[1]))
+    plan["strikes"][0]["p_world_object"][1] = -1e308
+    with pytest.raises(
+        DocumentError, match=r"^p\.json: strikes\.0\.p_world_object\.1: should be at most 1e\+30"
+    ):
+        parse_strike_plan(json.dumps(plan), "p")

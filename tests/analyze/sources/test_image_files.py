@@ -144,8 +144,10 @@ def test_damaged_image_files_give_none():
         assert image_file(damaged) is None
 
 
-def test_a_png_whose_end_has_a_false_length_is_no_image(capfd):
-    png = bytearray(coded(tip()[0]))
-    png[-12] ^= 1
-    assert image_file(png) is None
+def test_a_png_with_a_false_end_is_no_image(capfd):
+    png = coded(tip()[0])
+    false_length = png[:-12] + b"\x01" + png[-11:]
+    for damaged in (false_length, png[:-4] + b"abcd" + png[-12:], png[:-2]):
+        assert decode_image_file(damaged) is None
+    assert image_file(false_length) is None
     assert capfd.readouterr().err == ""
