@@ -33,6 +33,9 @@ NEAR_POINT_SHARE = 0.2
 are said to meet there nearly"""
 EXACT_POINT_M = 1e-3
 """largest distance [m] of the struck edges from one point at which they are said to meet there"""
+RADIUS_MATTERS = 2.0
+"""half width of the centre of mass's 95 % interval with the edge radius not given, over the stated one, from
+which the sentence on it says that it rests on the stated radius"""
 FIXTURE_REMEDIES = {
     MASS_CAUSE: "weigh the fixture by itself, with its tags, on a better scale",
     CENTRE_CAUSE: "state its com_m more closely, or use a lighter fixture",
@@ -126,6 +129,19 @@ def scatter_text(scatter: ScatterRange) -> str:
     )
 
 
+def _given_radius_text(estimate: Estimate, half: float) -> str:
+    """Clause on a centre of mass that is as sure as that only with the stated edge radius; "" if it is not.
+
+    Args:
+        estimate: the estimate.
+        half: half width [m] of the centre of mass's 95 % interval in its least certain direction.
+    """
+    without = next((each for each in estimate.alternatives if each.what_if is WhatIf.RADIUS), None)
+    if without is None or without.com_half < RADIUS_MATTERS * half:
+        return ""
+    return f" if the edge radius is as stated, to {1e3 * without.com_half:.1f} mm without it"
+
+
 def _com_text(estimate: Estimate) -> str:
     """Sentence on the centre of mass with its half width [mm]; begins with trust, doubt or not determined."""
     com = estimate.com
@@ -163,7 +179,7 @@ def _com_text(estimate: Estimate) -> str:
     consistent = (
         f"{sum(each.consistent for each in estimate.predictions)} of {counted(predicted, 'strike')} move as"
     )
-    return f"trust the centre of mass, to {1e3 * half:.1f} mm: " + (
+    return f"trust the centre of mass, to {1e3 * half:.1f} mm{_given_radius_text(estimate, half)}: " + (
         f"{consistent} predicted from the others" if predicted else "no strike can be checked by the others"
     )
 

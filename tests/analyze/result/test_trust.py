@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -100,6 +101,17 @@ def test_answer_that_rests_on_an_unchecked_radius_is_doubted_by_that(sound):
     assert "do not check the stated edge radius" in words[0]
     assert "known only to 0.9 mm" in words[0]
     assert "known only with the stated edge radius" in words[1]
+
+
+def test_trust_that_rests_on_the_stated_radius_says_so(sound):
+    one = replace(sound.alternatives[0], com_half=1.4e-3)
+    words = said(replace(sound, alternatives=(one,)))
+    assert re.match(
+        r"trust the centre of mass, to \d\.\d mm if the edge radius is as stated, to 1\.4 mm without it: ",
+        words[0],
+    )
+    words = said(replace(sound, alternatives=(replace(one, com_half=1e-6),)))
+    assert "radius" not in words[0]
 
 
 def test_answer_that_one_alternative_moves_is_doubted_by_its_name(sound):
