@@ -13,10 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from analyze.errors import RecordingError
+from analyze.reading.decode_message import decode_message
+from analyze.reading.indexed_file import RecordedMessage
 from analyze.verbs.watch.follow import watch_recording
 from analyze.verbs.watch.observer import Observer
 from schemas.document import DocumentError, validate
 from schemas.object_spec import MarkerSpec, ObjectSpec, parse_object_spec
+from schemas.proto import percuss_pb2 as pb
 from schemas.strike_plan import StrikePlan, parse_strike_plan
 from schemas.watch_lines import JudgeRequest, StrikeVerdict
 from tests.analyze.motion.tipping import camera, marker, planned
@@ -129,3 +132,10 @@ def test_object_with_any_value_is_read_or_a_named_error(key: str, value: object)
 def test_pose_with_any_value_is_read_or_a_named_error(value: object) -> None:
     with contextlib.suppress(DocumentError):
         validate(MarkerSpec, {"id": 1, "size_m": 0.03, "T_object_marker": value}, "object.toml")
+
+
+def test_a_frame_number_beyond_what_a_camera_counts_is_damage():
+    data = memoryview(pb.FrameMeta(sequence=(1 << 64) - 77).SerializeToString())
+    message = RecordedMessage("/camera/main/meta", 5, 0, data)
+    with pytest.raises(RecordingError, match="at 5 is damaged: its sequence is 18446744073709551539"):
+        decode_message(Path("a.mcap"), message, pb.FrameMeta)
