@@ -276,7 +276,7 @@ def test_a_taken_path_and_a_full_disk_are_refused_without_a_trace(
     tmp_path: Path, environment: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "a.mcap").write_bytes(b"mine")
-    capture = CaptureProcess(rig(disk_reserve_bytes=1 << 60), COMMAND)
+    capture = CaptureProcess(rig(disk_reserve_bytes=1 << 50), COMMAND)
     capture.start()
     try:
         with pytest.raises(RecorderError, match=r"recording b\.mcap needs .* free some space"):
@@ -302,9 +302,11 @@ def test_a_window_without_room_is_refused_before_the_striker_is_armed(
 ) -> None:
     disk = os.statvfs(tmp_path)
     free = disk.f_bavail * disk.f_frsize
-    # 64 x 48 at 120 fps for days: the recording may begin, the window not, and if others free some space
-    # meanwhile.
-    capture = CaptureProcess(rig(max_window_s=4 * free / (64 * 48 * RATE)), COMMAND)
+    # 64 x 48 at 120 fps for an hour, with room for half of it: the recording may begin, the window not, and
+    # if others free some space meanwhile.
+    capture = CaptureProcess(
+        rig(max_window_s=3600.0, disk_reserve_bytes=free - 1800 * 64 * 48 * RATE), COMMAND
+    )
     capture.start()
     try:
         capture.open_recording(tmp_path / "a.mcap", manifest_of_a_box(), [])
