@@ -146,6 +146,7 @@ class LiveRecording:
         if (opened := self._open) is not None:
             for salvage in list(opened.salvages):
                 salvage.result()  # its report belongs to this recording's log
+            self._report_refused(opened)
         with self._changed:
             opened = self._open
             if opened is None:
@@ -206,13 +207,17 @@ class LiveRecording:
         if not self._capture.write(topic.name, *entry[1:]):
             opened.refused += 1
             return False
-        if opened.refused:
-            refused, opened.refused = opened.refused, 0
+        self._report_refused(opened)
+        return True
+
+    def _report_refused(self, opened: RecordingState) -> None:
+        """Report the number of messages that the capture process did not take since the last report."""
+        refused, opened.refused = opened.refused, 0
+        if refused:
             self._complain(
                 f"{counted(refused, 'message')} of striker and session were not recorded: the capture process"
                 " took none for too long: see `acquire status`"
             )
-        return True
 
     def log(self, text: str, level: Any = Log.Level.INFO) -> None:
         """Record a line of text with a severity (foxglove.Log level), if a recording is open."""
