@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -23,6 +24,9 @@ class Capture:
     def status(self) -> None:
         pass
 
+    def close_recording(self) -> SimpleNamespace:
+        return SimpleNamespace(path=Path("a.mcap"), frames=1, lost=0, content_id="")
+
 
 def test_messages_that_are_not_taken_are_reported():
     complaints: list[str] = []
@@ -40,6 +44,9 @@ def test_messages_that_are_not_taken_are_reported():
         refused=0,
         manifest=SimpleNamespace(wall_anchor_ns=0),
         refuse_earlier_file=lambda _: None,
+        salvages=[],
+        path=Path("a.mcap"),
+        watch=SimpleNamespace(stop=lambda: None),
     )
     live.write_strike(pb.StrikeRecord(plan_strike_id="s1"))
     assert not complaints
@@ -52,3 +59,8 @@ def test_messages_that_are_not_taken_are_reported():
     live.log("striker homed")
     live.log("striker armed")
     assert [text[:26] for text in complaints] == ["2 messages of striker and s"[:26]]
+    capture.takes = False
+    live.log("striker homed")
+    live.close()
+    assert len(complaints) == 2
+    assert complaints[1].startswith("1 message of striker")
