@@ -16,7 +16,7 @@ from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.joint import JointSolution, solve_joint
 from analyze.estimation.joint_model import JointModel, centre_line_shift, radius_sds
 from analyze.estimation.priors import ComPrior, SystematicErrors
-from analyze.estimation.radius_odds import NOT_WRONG, WrongOdds, probability_wrong
+from analyze.estimation.radius_odds import ALIKE_SD, NOT_WRONG, WrongOdds, probability_wrong
 from analyze.geometry.edge_radius import ASSUMED, FACE_OVER_OWN
 from analyze.least_squares.intervals import normal_sd
 from analyze.types import Array, EquiPlane, RadiusPrior, RadiusSource
@@ -149,7 +149,7 @@ def _with_doubt(
     The sd grows by the factor `excess`, with which the mean radius by the strikes differs from the stated one
     by 1 sigma, as in averages of measurements that disagree (Birge 1932); not beyond the sd of a radius that
     is not given. It is at least that of a normal error with the 95 % interval of one that has the stated sd
-    or, with the probability that the statement is wrong, that of a radius not given.
+    or, with the probabilities that the statement is wrong, that of a radius not given.
 
     Args:
         planes: Equi-planes of the strikes, in the object frame O.
@@ -158,21 +158,22 @@ def _with_doubt(
         sources: Origins of the radii whose sd grows.
     """
 
-    def larger(sd: float, added: float, limit: float, probability: float) -> float:
-        odds = np.array([1 - probability, probability])
-        mixed = normal_sd(np.array([max(sd, MIN_RADIUS_SD), limit]), odds) if limit > sd else sd
-        return max(sd, min(float(np.hypot(sd, added)), limit), mixed)
+    def larger(sd: float, added: float, limit: float, wrong: Mapping[float, float]) -> float:
+        """Sd [m] of which `wrong` gives the probabilities of larger values [m], ascending."""
+        sds = np.maximum([sd, *wrong], max(sd, MIN_RADIUS_SD))
+        mixed = normal_sd(sds, np.array([1 - sum(wrong.values()), *wrong.values()]))
+        return max(min(float(np.hypot(sd, added)), limit), mixed)
 
     def grown(prior: RadiusPrior) -> RadiusPrior:
         # A statement that is off does not say either that the edges are alike.
         more = np.sqrt(excess**2 - 1)
+        own, face = more * prior.sd, FACE_OVER_OWN * more * prior.sd
+        common = {ASSUMED.common_sd: wrong.any, ALIKE_SD: wrong.alike}
         return replace(
             prior,
-            common_sd=larger(
-                prior.common_sd, more * prior.common_sd, ASSUMED.common_sd, wrong.any + wrong.alike
-            ),
-            own_sd=larger(prior.own_sd, more * prior.sd, ASSUMED.own_sd, wrong.any),
-            face_sd=larger(prior.face_sd, FACE_OVER_OWN * more * prior.sd, ASSUMED.face_sd, wrong.any),
+            common_sd=larger(prior.common_sd, more * prior.common_sd, ASSUMED.common_sd, common),
+            own_sd=larger(prior.own_sd, own, ASSUMED.own_sd, {ASSUMED.own_sd: wrong.any}),
+            face_sd=larger(prior.face_sd, face, ASSUMED.face_sd, {ASSUMED.face_sd: wrong.any}),
         )
 
     return tuple(

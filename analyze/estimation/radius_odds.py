@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,8 @@ WRONG_FRACTION = 0.1
 WRONG_ALIKE_FRACTION = 0.1
 """Probability, before any strike, that a stated radius is wrong and the edges are as alike as stated: 1.0 ±
 0.1 mm where all are 0.3 mm, by a slip of pen or gauge."""
+ALIKE_SD = MAX_ASSUMED_RADIUS / math.sqrt(12)
+"""Sd [m] of the radius of edges that are all alike, where none is given."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,7 @@ def probability_wrong(
     """
     stated, wide = priors
     # The least covariance of two edges is that of the error which all of them share.
-    alike = stated + max(MAX_ASSUMED_RADIUS**2 / 12 - float(stated.min()), 0.0)
+    alike = stated + max(ALIKE_SD**2 - float(stated.min()), 0.0)
     right = 1 - WRONG_FRACTION - WRONG_ALIKE_FRACTION
     log_odds = np.log([right, WRONG_FRACTION, WRONG_ALIKE_FRACTION]) + [
         _log_marginal(score, information, mean, covariance)
