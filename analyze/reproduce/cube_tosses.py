@@ -9,15 +9,18 @@ length.
 
 from __future__ import annotations
 
+import warnings
 import zipfile
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from pathlib import Path
+from tokenize import TokenError
 from typing import Final, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from analyze.errors import RecordingError
 from analyze.geometry.rotations import matrix_from_wxyz
@@ -58,6 +61,11 @@ FLIGHT_GUARD, CONTACT_GUARD = 3, 2
 them."""
 LEAST_FRAMES: Final = 9
 """Least number of frames of a contact; a flight has more than this."""
+MAX_UNPACKED_BYTES: Final = 200_000_000
+"""Largest size [bytes] to which a file of tosses may unpack; the published one has 2 MB."""
+_NUMPY_ERRORS: Final = (OSError, ValueError, KeyError, TypeError, MemoryError, SyntaxError, TokenError)
+"""Errors of numpy on headers that are damaged or announce more than there is."""
+_ZIP_ERRORS: Final = (zipfile.BadZipFile, zlib.error, NotImplementedError)
 PROGRESS_STEPS: Final = 5
 """Steps of the progress bar."""
 
@@ -127,13 +135,10 @@ def read_tosses(path: Path) -> list[BodyMotion]:
             f"{path}: not found: give --data FILE, the tosses of DAIRLab/contact-nets, packed as in {_DOCS}"
         )
     try:
-        with np.load(path, allow_pickle=False) as packed:
-            lengths = np.asarray(packed["length"], dtype=np.int64)
-            position = np.asarray(packed["position_m"], dtype=np.float64)
-            quaternion = np.asarray(packed["quaternion_wxyz"], dtype=np.float64)
-    # np.load gives a TypeError for an .npy file, which holds one array and is not an archive.
-    except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile, zlib.error) as error:
-        raise RecordingError(f"{path}: not a file of packed tosses ({error}): see {_DOCS}") from None
+        lengths, position, quaternion = _columns(path)
+    except (EOFError, RuntimeError, *_NUMPY_ERRORS, *_ZIP_ERRORS) as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise RecordingError(f"{path}: not a file of packed tosses ({reason}): see {_DOCS}") from None
     total = int(lengths.sum()) if lengths.ndim == 1 else -1
     if position.shape != (total, 3) or quaternion.shape != (total, 4) or np.any(lengths < 2):
         raise RecordingError(f"{path}: the toss lengths do not match the number of poses: see {_DOCS}")
@@ -148,6 +153,25 @@ def read_tosses(path: Path) -> list[BodyMotion]:
         BodyMotion(np.arange(end - start) / FRAME_RATE_HZ, position[start:end], R[start:end])
         for start, end in zip(np.append(0, ends[:-1]), ends, strict=True)
     ]
+
+
+def _columns(path: Path) -> tuple[NDArray[np.int64], Array, Array]:
+    """Numbers of frames (t,), positions and quaternions of all frames of a file of t tosses, unchecked.
+
+    Raises:
+        Exception: one of many, as the file is damaged or none of tosses.
+    """
+    with zipfile.ZipFile(path) as archive:
+        unpacked = sum(item.file_size for item in archive.infolist())
+    if unpacked > MAX_UNPACKED_BYTES:
+        raise ValueError(f"unpacks to {unpacked / 1e6:.0f} MB, more than {MAX_UNPACKED_BYTES / 1e6:.0f} MB")
+    with warnings.catch_warnings(), np.load(path, allow_pickle=False) as packed:
+        warnings.simplefilter("ignore")  # a damaged header looks like one of Python 2
+        return (
+            np.asarray(packed["length"], dtype=np.int64),
+            np.asarray(packed["position_m"], dtype=np.float64),
+            np.asarray(packed["quaternion_wxyz"], dtype=np.float64),
+        )
 
 
 def analyse_tosses(tosses: Sequence[BodyMotion], progress: Progress = no_progress) -> CubeAnswer:

@@ -70,7 +70,7 @@ def paper(recordings: tuple[Path, ...], out: Path) -> None:
     from analyze.progress import ProgressBar
     from analyze.reproduce.paper.page import summary, write_page
     from analyze.reproduce.paper.read import read_session
-    from analyze.reproduce.paper.record import read_records
+    from analyze.reproduce.paper.record import read_records, sealed_json
     from analyze.reproduce.paper.targets import targets_table
     from analyze.reproduce.paper.terminal import render_table
     from schemas.output_file import write_text
@@ -80,7 +80,7 @@ def paper(recordings: tuple[Path, ...], out: Path) -> None:
     with ProgressBar() as progress:
         for path in recordings:
             record = read_session(path, progress)
-            write_text(folder / f"{record.name}.json", record.model_dump_json())
+            write_text(folder / f"{record.name}.json", sealed_json(record))
     records = read_records(folder)
     if not records:
         raise EstimationError(

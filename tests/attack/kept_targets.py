@@ -1,4 +1,4 @@
-"""Targets that take more than one file: ROS 2 bags, results of a batch, kept results, published tosses."""
+"""Targets that take more than one file, or that the program itself wrote or publishes."""
 
 from __future__ import annotations
 
@@ -7,13 +7,21 @@ import os
 import shutil
 from pathlib import Path
 
+import numpy as np
 import zstandard
 from rosbags.rosbag2 import StoragePlugin
 
+from analyze.reproduce.paper.record import ThetaSource, sealed_json
+from analyze.reproduce.paper.session import Sweeps, session_record
 from tests.analyze.importing.foreign_files import images, write_bag
+from tests.analyze.motion.tossed_cube import tossed
+from tests.analyze.reproduce.test_cube_tosses import CUBE
+from tests.analyze.reproduce.test_cube_tosses import write as write_tosses
+from tests.analyze.reproduce.theta_sessions import theta_session
 from tests.analyze.sources.test_foreign_calibrations import CAMERA_INFO, ECHOED, KALIBR, PYTHONS
 from tests.attack.forked import run_forked
 from tests.attack.targets import Target, Verb, make_targets
+from tests.places import ROOT
 
 OWN_CACHE = "cache"
 """folder of kept results, in a target's folder"""
@@ -29,6 +37,8 @@ def make_all_targets(folder: Path) -> list[Target]:
         *_calibrations(folder, folders["plan"]),
         *_batch(folder, folders["recording"]),
         *_kept(folder, folders["recording"]),
+        *_reproduced(folder),
+        *_virtual(folder),
     ]
 
 
@@ -134,6 +144,44 @@ def _kept(folder: Path, recordings: Path) -> list[Target]:
     return [
         Target(f"kept result {number}", place, str(path.relative_to(place)), verbs, replaceable=True)
         for number, path in enumerate((entries[0], entries[-1]), 1)
+    ]
+
+
+def _reproduced(folder: Path) -> list[Target]:
+    """Published tosses, plain and packed, and the record of a virtual session."""
+    place = folder / "reproduced"
+    (place / "out" / "sessions").mkdir(parents=True, exist_ok=True)
+    motions = [
+        motion
+        for way, number in (("air", 12), ("edge", 20), ("corner", 50))
+        for motion in tossed(CUBE, number, 1, way)
+    ]
+    columns = write_tosses(place / "plain.npz", motions)
+    with np.load(columns) as plain:
+        np.savez_compressed(place / "packed.npz", **plain)
+    record = session_record(*theta_session("carton", 1, 9), ThetaSource.SIMULATED, Sweeps((0.0,)))
+    kept = place / "out" / "sessions" / f"{record.name}.json"
+    kept.write_text(sealed_json(record), encoding="utf-8")
+    tosses = (Verb("cube-tosses", ("analyze", "reproduce", "cube-tosses", "--data", "{file}", "--json")),)
+    page = (Verb("paper", ("analyze", "reproduce", "paper", "-o", "out"), usual_s=3.0),)
+    return [
+        Target("tosses", place, "plain.npz", tosses),
+        Target("tosses, packed", place, "packed.npz", tosses),
+        Target("record of a session", place, str(kept.relative_to(place)), page, text=True),
+    ]
+
+
+def _virtual(folder: Path) -> list[Target]:
+    """A user's object and its hidden masses, as `acquire virtual` and `acquire demo` read them."""
+    place = folder / "virtual"
+    place.mkdir(exist_ok=True)
+    for name in ("teabox.toml", "teabox-truth.toml"):
+        shutil.copy(ROOT / "docs" / "examples" / name, place / name)
+    given = ("--object", "teabox.toml", "--truth", "teabox-truth.toml", "--dir", "new")
+    verbs = (Verb("virtual", ("acquire", "virtual", *given), usual_s=3.0),)
+    return [
+        Target("virtual object", place, "teabox.toml", verbs, text=True),
+        Target("truth of a virtual object", place, "teabox-truth.toml", verbs, text=True),
     ]
 
 

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NoReturn
 
 import cv2
 import numpy as np
@@ -17,6 +18,7 @@ import trimesh
 from mcap.writer import Writer
 
 from acquire.cli import main as acquire
+from acquire.virtual import devices
 from analyze.cli import main as analyze
 from analyze.reading.recording import Recording, open_recording
 from schemas.document import canonical_json
@@ -70,9 +72,16 @@ class Verb:
         def run() -> None:
             if self.cache:
                 os.environ["XDG_CACHE_HOME"] = str(Path.cwd() / self.cache)
+            if arguments[:2] == ["acquire", "virtual"]:
+                devices.Devices.world = _interrupted  # in a process of its own
             command.main(arguments[1:], prog_name=arguments[0])
 
         return run
+
+
+def _interrupted(*_: object) -> NoReturn:
+    """End a rehearsal as Ctrl-C does, when its files are read and its devices would start."""
+    raise KeyboardInterrupt
 
 
 @dataclass(frozen=True)

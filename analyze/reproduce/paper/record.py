@@ -6,19 +6,25 @@ import enum
 import json
 from typing import TYPE_CHECKING
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from analyze.errors import RecordingError
-from schemas.document import Document, DocumentError, Matrix3, Vector3, validate
+from schemas.document import (
+    Document,
+    DocumentError,
+    Matrix3,
+    Vector3,
+    canonical_json,
+    sha256_text,
+    validate,
+)
 from schemas.input_file import read_text
 from schemas.strike_plan import PlanMethod
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-
-_FORMER_NAIVE_NAMES = {"surface": "shell", "surface_and_uniform": "shell_and_uniform"}
-"""Present names of naive answers, by their names in older records."""
+_REMEDY = "remove the file and analyse its recording again"
 
 
 class Condition(enum.StrEnum):
@@ -228,18 +234,6 @@ class SessionRecord(Document):
     section: Section | None = None
     """Silhouette and slice for Fig. 12; None in older records."""
 
-    @field_validator("naive_kg", mode="before")
-    @classmethod
-    def _current_names(cls, value: object) -> object:
-        """Masses of shell and inner parts by each naive answer; its name in older records is replaced.
-
-        A naive answer assumes the distribution, for example all mass in the shell. A value that is not a
-        dictionary is returned as it is.
-        """
-        if not isinstance(value, dict):
-            return value
-        return {_FORMER_NAIVE_NAMES.get(name, name): masses for name, masses in value.items()}
-
     @property
     def name(self) -> str:
         """Name of the record's file without suffix: object and seed, with marks for special sessions.
@@ -252,26 +246,38 @@ class SessionRecord(Document):
         return f"{self.object}{planned}-{self.seed}{simulated}"
 
 
+class _SealedRecord(Document):
+    """Content of a record's file: the record with its hash, by which damage is noticed."""
+
+    sha256: str
+    """SHA-256 of the record's canonical JSON, in hexadecimal digits."""
+    record: SessionRecord
+
+
+def sealed_json(record: SessionRecord) -> str:
+    """JSON of a record's file: the record with its hash."""
+    return _SealedRecord(sha256=sha256_text(canonical_json(record)), record=record).model_dump_json()
+
+
 def read_records(folder: Path) -> list[SessionRecord]:
     """Read all session records (JSON) of a folder, in the order of their file names.
 
     The list is empty if the folder contains none.
 
     Raises:
-        RecordingError: a file cannot be read or is not a session record.
+        RecordingError: a file cannot be read, is not a session record, or does not match its hash.
     """
     found: list[SessionRecord] = []
     for path in sorted(folder.glob("*.json")):
         try:
             data = json.loads(read_text(path))
         except (OSError, ValueError, RecursionError) as error:
-            raise RecordingError(
-                f"{path}: cannot be read ({error}): remove the file and analyse its recording again"
-            ) from None
+            raise RecordingError(f"{path}: cannot be read ({error}): {_REMEDY}") from None
         try:
-            found.append(
-                validate(SessionRecord, data, str(path), "remove the file and analyse its recording again")
-            )
+            sealed = validate(_SealedRecord, data, str(path), _REMEDY)
         except DocumentError as error:
             raise RecordingError(str(error)) from None
+        if sha256_text(canonical_json(sealed.record)) != sealed.sha256:
+            raise RecordingError(f"{path}: does not match its own hash, so it is damaged: {_REMEDY}")
+        found.append(sealed.record)
     return found

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import struct
+import zipfile
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from analyze.motion.moment_balance import BalancedBody, balance_moments
 from analyze.reproduce.cube_tosses import (
     AIR_DRAG,
     GRAVITY_M_S2,
+    MAX_UNPACKED_BYTES,
     ROUNDING_M,
     edge_contacts,
     flights,
@@ -144,6 +147,30 @@ def test_simulated_file_with_a_short_metre_gives_its_ground_truth(tmp_path):
 def test_file_of_another_kind_is_refused(tmp_path, changes, words):
     with pytest.raises(RecordingError, match=words):
         read_tosses(write(tmp_path / "t.npz", tossed(CUBE, 2, 1), **changes))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("header", "words"),
+    [
+        ("{'descr': '<i8', 'fortran_order': False, 'shape': (3,", "not a file of packed tosses"),
+        ("{'descr': '<i8', 'fortran_order': False, 'shape': (10000000000000,), }", "packed tosses"),
+        ("{'descr': '<i8', 'fortran_order': False, 'shape': (3L,), }", "not a file of packed tosses"),
+    ],
+)
+def test_damaged_and_false_headers_are_refused_without_a_word_beside(tmp_path, header, words):
+    npy = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header) + 1) + header.encode() + b"\n"
+    with zipfile.ZipFile(tmp_path / "t.npz", "w") as archive:
+        archive.writestr("length.npy", npy)
+    with pytest.raises(RecordingError, match=words):
+        read_tosses(tmp_path / "t.npz")
+
+
+def test_bomb_is_refused_unread(tmp_path):
+    with zipfile.ZipFile(tmp_path / "t.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("length.npy", bytes(MAX_UNPACKED_BYTES + 1))
+    with pytest.raises(RecordingError, match="unpacks to 200 MB, more than 200 MB"):
+        read_tosses(tmp_path / "t.npz")
 
 
 def test_missing_file_and_non_archive_are_refused(tmp_path):
