@@ -22,6 +22,8 @@ TIP_RADIUS = 0.008
 LANES = (-0.006, -0.004, -0.002, 0.0, 0.002, 0.004, 0.006)
 """Distances [m] beside the tip's path, along the pivot edge, at which the object is cut; the middle one is
 the path."""
+HEIGHT_STEP = 0.001
+"""Spacing of the heights tried [m]."""
 SIDE_ERROR = 0.002
 """Error of the tip's path [m] sideways, within which it must still meet the same face."""
 ARM_HALF_WIDTH = 0.004
@@ -37,6 +39,12 @@ MAX_GLANCE = np.radians(20.0)
 CLEAR_TURNS = np.radians(np.arange(1.0, 9.0))
 """Turns [rad] of the tipping object through which the tip must be clear of it, until the arm is drawn back:
 some 40 ms."""
+SMOOTHED_LANES, SMOOTHED_HEIGHTS = 2, 4
+"""Reach of the planes fitted to a scan's noisy surface: lanes to each side, and heights up and down."""
+MIN_SMOOTHED = 12
+"""Fewest points of the cuts to which a plane is fitted."""
+STEP_SDS = 4.0
+"""Difference from a slanting face, in 1 sigma of the noise, beyond which a point lies behind a step."""
 OUTLINE_STEP = 0.002
 """Spacing [m] of the points of the object's outline that are examined."""
 
@@ -51,6 +59,42 @@ class Section:
     """(n,) distance [m] from the rays' start to the surface; inf where nothing is met."""
     glance: Array
     """(n,) angle [rad] between the surface's outward normal and W's -x; pi where nothing is met."""
+
+
+def without_noise(sections: Sequence[Section], heights: Array, noise_sd: float) -> list[Section]:
+    """Cuts through a scanned object without the scan's noise, which tilts its single faces by up to 40 deg.
+
+    At each point of the cuts a plane is fitted to those around it, without those behind a step. Where there
+    are fewer than `MIN_SMOOTHED`, the point stays as it is.
+
+    Args:
+        sections: Cuts through the object, one per lane; lanes and heights are equally spaced.
+        heights: (n,) heights over the table [m], ascending.
+        noise_sd: 1 sigma of the surface's noise [m].
+    """
+    lanes, rows = SMOOTHED_LANES, SMOOTHED_HEIGHTS
+    distance = np.array([each.distance for each in sections])
+    padded = np.pad(distance, ((lanes, lanes), (rows, rows)), constant_values=np.inf)
+    own = np.where(np.isfinite(distance), distance, 0.0)
+    spacing = np.array([sections[1].beside - sections[0].beside, HEIGHT_STEP])
+    largest = np.hypot(lanes * spacing[0], rows * spacing[1]) * np.tan(MAX_GLANCE) + STEP_SDS * noise_sd
+    left, right = np.zeros((*distance.shape, 3, 3)), np.zeros((*distance.shape, 3))
+    for lane, row in np.ndindex(2 * lanes + 1, 2 * rows + 1):
+        gap = padded[lane : lane + len(distance), row : row + len(heights)] - own
+        used = np.isfinite(distance) & (np.abs(gap) <= largest)
+        place = np.array([1.0, *((lane - lanes, row - rows) * spacing)])
+        left += used[..., None, None] * np.outer(place, place)
+        right += np.where(used, gap, 0.0)[..., None] * place
+    enough = left[..., 0, 0] >= MIN_SMOOTHED
+    plane = np.zeros((*distance.shape, 3))
+    plane[enough] = (np.linalg.pinv(left[enough]) @ right[enough][..., None])[..., 0]
+    glance = np.arctan(np.hypot(plane[..., 1], plane[..., 2]))
+    return [
+        Section(
+            each.beside, each.distance + plane[lane, :, 0], np.where(enough[lane], glance[lane], each.glance)
+        )
+        for lane, each in enumerate(sections)
+    ]
 
 
 def meets_squarely(sections: Sequence[Section], heights: Array, tried: IntArray) -> BoolArray:

@@ -8,7 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from analyze.geometry.object_model import ObjectModel
-from analyze.planning.clearance import LANES, TIP_RADIUS, meets_squarely, section, stays_clear, under_arm
+from analyze.planning.clearance import (
+    HEIGHT_STEP,
+    LANES,
+    TIP_RADIUS,
+    meets_squarely,
+    section,
+    stays_clear,
+    under_arm,
+    without_noise,
+)
 from analyze.planning.pivots import PivotAxis, Swing
 from analyze.types import Array
 from schemas.impact_law import inverse_impact_mass, tip_speed_for_impulse
@@ -20,8 +29,6 @@ GRAVITY = 9.81
 """Gravity [m/s^2], precise enough for plans."""
 MIN_DEPTH_BELOW_TOP = 0.010
 """Smallest distance of an impact point below the object's top [m]."""
-HEIGHT_STEP = 0.001
-"""Spacing of the heights tried [m]."""
 CARD_OVER_TAG_SIZE = 10 / 8
 """Edge of a marker's card over that of its black square (one white cell around 8)."""
 
@@ -150,6 +157,8 @@ def _met(model: ObjectModel, axis: PivotAxis, striker: StrikerModel) -> list[tup
     start, top = float(world[:, 0].min()) - 0.1, float(world[:, 2].max())
     heights = np.arange(HEIGHT_STEP / 2, top, HEIGHT_STEP)
     sections = [section(model, axis, heights, start, beside) for beside in LANES]
+    if model.noise_sd:
+        sections = without_noise(sections, heights, model.noise_sd)
     distance = sections[len(LANES) // 2].distance
     tried = np.flatnonzero(
         (heights >= striker.lowest_m) & (heights <= min(top - MIN_DEPTH_BELOW_TOP, striker.highest_m))

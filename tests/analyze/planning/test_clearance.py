@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 
 from analyze.geometry.object_model import load_object_model
 from analyze.planning import impact
+from analyze.planning.clearance import HEIGHT_STEP, LANES, Section, meets_squarely, without_noise
 from analyze.planning.hypothesis import hypothesis
 from analyze.planning.impact import StrikerModel, impact_points
 from analyze.planning.pivots import pivot_axes, swing
@@ -20,8 +22,13 @@ POST = ((60.0, 60.0, 150.0), (0.0, 0.0, 75.0))
 def points_towards_plus_x(*more):
     """Impact points of a post with more boxes (size, centre) [mm], struck upright in its +x direction."""
     triangles = np.concatenate([box_triangles(np.array(size), at) for size, at in (POST, *more)])
+    return struck_points(stl(triangles))
+
+
+def struck_points(file):
+    """Impact points of an object (STL) [mm], struck upright in its +x direction."""
     spec = spec_of({"file": "p.stl", "unit": "mm"}, markers=[FAR_TAG])
-    model = load_object_model(spec, stl(triangles), "p.stl")
+    model = load_object_model(spec, file, "p.stl")
     believed = hypothesis(model)
     axis = next(
         each
@@ -89,3 +96,42 @@ def test_places_to_strike_are_computed_once_for_all_strikers_with_one_reach(monk
     again = impact_points(model, axis, [expected], [], StrikerModel(effective_mass_kg=1.2))
     assert [each.height for each in again] == [each.height for each in first]
     assert max((each.height for each in lower), default=0.0) <= 0.02 < first[-1].height
+
+
+def cut_of_a_wall(step_m: float = 0.0, noise: float = 5e-4) -> tuple[list[Section], np.ndarray]:
+    """Cuts through a noisy upright wall, whose part above 60 mm stands back by `step_m`."""
+    rng, wall = np.random.default_rng(1), np.arange(0.0005, 0.12, HEIGHT_STEP)
+    distance = np.where(wall > 0.06, 0.1 + step_m, 0.1)
+    glance = np.full(len(wall), np.radians(35.0))  # of a face 1 mm wide, tilted by the noise
+    return [Section(beside, distance + rng.normal(0, noise, len(wall)), glance) for beside in LANES], wall
+
+
+def test_noise_of_a_scan_tilts_no_wall():
+    """By its single faces no place on it could be struck; its points lie within 0.2 mm of the wall."""
+    noisy, wall = cut_of_a_wall()
+    middle = np.arange(20, 100)
+    assert not np.any(meets_squarely(noisy, wall, middle))
+    smooth = without_noise(noisy, wall, 5e-4)
+    assert np.all(meets_squarely(smooth, wall, middle))
+    assert np.abs(smooth[3].distance[middle] - 0.1).max() < 2.5e-4
+    assert np.degrees(smooth[3].glance[middle]).max() < 6
+
+
+def test_step_of_a_noisy_wall_stays():
+    noisy, wall = cut_of_a_wall(step_m=0.008)
+    smooth = without_noise(noisy, wall, 5e-4)
+    assert np.abs(smooth[3].distance - np.where(wall > 0.06, 0.108, 0.1)).max() < 5e-4
+    near_step = np.flatnonzero(np.abs(wall - 0.06) < 0.003)
+    assert not np.any(meets_squarely(smooth, wall, near_step))
+
+
+@pytest.mark.parametrize("sd_mm", [0.2, 0.5])
+def test_scanned_post_is_struck_nearly_anywhere(sd_mm):
+    """Scanned with triangles of 2.5 mm: the planner found no place at 0.5 mm of noise."""
+    box = trimesh.creation.box(POST[0], transform=trimesh.transformations.translation_matrix(POST[1]))
+    mesh = box.subdivide_to_size(2.5)
+    vertices = mesh.vertices + np.random.default_rng(2).normal(0, sd_mm, mesh.vertices.shape)
+    found = np.array([point.height for point in struck_points(stl(vertices[mesh.faces]))])
+    assert len(found) > 80
+    assert found.min() < 0.03
+    assert found.max() > 0.12
