@@ -22,6 +22,8 @@ _MIN_MOVED_RAD = math.radians(0.15)
 """least theta [rad] of a moving object"""
 _MAX_FRAME_GAP = 1.6
 """largest time between consecutive frames, in median frame intervals"""
+_MEDIAN_REACH = 2
+"""frames on either side of one in the running median of the turn about other axes"""
 _MIN_STEP_S = 1 / 200
 """least time [s] between two frames whose difference gives a speed in the search for a landing"""
 
@@ -152,11 +154,11 @@ def _landing(angle: TipAngle, released: int) -> int:
 
 
 def free_window(angle: TipAngle, course: Course, phi: float, limits: WindowLimits) -> tuple[int, int]:
-    """Frames [start, stop) in which only gravity acts: from release to 25 deg past balance, or a landing.
+    """Frames [start, stop) in which only gravity acts in a plane: from release to 25 deg past balance.
 
-    If the object lands or returns to rest before that angle, the window ends one frame before this event; if
-    the images end first, with them. (0, 0) if the object did not move. The 25 deg are the default of
-    `limits.past_phi`.
+    It ends earlier where the object, past balance, has turned about other axes by 4 deg. If it lands or
+    returns to rest first, the window ends one frame before this event; if the images end first, with them.
+    (0, 0) if the object did not move. The angles are the defaults of `limits.past_phi` and `.off_axis`.
 
     Args:
         angle: tipping angle theta(t).
@@ -167,7 +169,12 @@ def free_window(angle: TipAngle, course: Course, phi: float, limits: WindowLimit
     if course.released_frame is None:
         return 0, 0
     first = course.released_frame
-    past = np.flatnonzero(angle.theta[first : course.end_frame] > phi + limits.past_phi)
+    if first >= course.end_frame:
+        return first, first
+    theta = angle.theta[first : course.end_frame]
+    padded = np.pad(angle.off_axis[first : course.end_frame], _MEDIAN_REACH, mode="edge")
+    aside = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * _MEDIAN_REACH + 1), axis=1)
+    past = np.flatnonzero((theta > phi + limits.past_phi) | ((theta > phi) & (aside > limits.off_axis)))
     # The frame before landing or coming back may be exposed while the contact begins.
     last = (
         first + int(past[0])

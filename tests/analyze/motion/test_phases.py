@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -96,6 +97,20 @@ def test_the_window_ends_25_degrees_past_phi_and_begins_after_the_guard():
     first, last = free_window(steady(theta), course, math.radians(30.0), WindowLimits())
     assert first == course.moved_frame + WindowLimits().guard_frames
     assert theta[last - 1] <= math.radians(55.0) < theta[last]
+
+
+def test_the_window_ends_where_a_falling_body_turns_aside():
+    """A single wrong reading does not end it, nor a turn before balance, which the verdict judges."""
+    theta = np.radians(np.concatenate([np.zeros(20), np.linspace(0.0, 80.0, 50)]))
+    course = find_course(steady(theta), 0, WindowLimits())
+    off_axis = np.radians(5.0) * (np.degrees(theta) > 40.0)
+    off_axis[(np.degrees(theta) > 15.0) & (np.degrees(theta) < 25.0)] = np.radians(5.0)
+    off_axis[np.searchsorted(theta, np.radians(35.0))] = np.radians(30.0)
+    angle = replace(steady(theta), off_axis=off_axis)
+    first, last = free_window(angle, course, math.radians(30.0), WindowLimits())
+    assert np.degrees(theta[last]) == pytest.approx(40.0, abs=3.4)
+    assert (first, last) != free_window(steady(theta), course, math.radians(30.0), WindowLimits())
+    assert free_window(angle, replace(course, end_frame=first), 0.5, WindowLimits()) == (first, first)
 
 
 @pytest.mark.parametrize(("frame", "size"), [(15, 0.3), (25, -0.3)])
