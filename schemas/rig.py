@@ -193,7 +193,23 @@ class DaemonConfig(Document):
     The socket's folder is private to the user.
     """
 
-    socket: str | None = Field(default=None, description="path; default: in the user's run-time folder")
+    socket: str | None = Field(
+        default=None, description="absolute path; default: in the user's run-time folder"
+    )
+
+    @field_validator("socket")
+    @classmethod
+    def _is_absolute(cls, value: str | None) -> str | None:
+        """The path as given.
+
+        Raises:
+            ValueError: it is relative: `acquire stop` in another folder would not find the daemon.
+        """
+        if value is not None and not value.startswith("/"):
+            raise ValueError(
+                f"should be an absolute path, by which all commands find the daemon, not {value!r}"
+            )
+        return value
 
     def socket_path(self) -> Path:
         """Path of the socket: as configured, otherwise percuss/daemon.sock in the user's run-time folder.

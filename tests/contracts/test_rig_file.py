@@ -229,6 +229,14 @@ def test_a_value_of_the_wrong_kind_is_named_with_how_to_write_it(
     assert str(daemons.value) == f"{path}: {says}"
 
 
+def test_a_relative_socket_is_refused(tmp_path: Path) -> None:
+    """By it, `acquire stop` in another folder found no daemon."""
+    with pytest.raises(ConfigError, match=r"daemon.socket: should be an absolute path.* not 'run/d.sock'"):
+        read_rig(rig_file(tmp_path / "rig.toml", daemon='socket = "run/d.sock"'))
+    path = rig_file(tmp_path / "rig.toml", daemon='socket = "/run/d.sock"')
+    assert read_rig(path).daemon.socket_path() == Path("/run/d.sock")
+
+
 def test_an_arm_without_a_possible_speed_is_refused(tmp_path: Path) -> None:
     path = rig_file(tmp_path / "rig.toml", striker="cocked_angle_rad = -0.02")
     with pytest.raises(PlanError, match="has no possible speed"):

@@ -177,6 +177,8 @@ class _Salvage:
         report.differences += self._manifest_differences()
         counts = self._writer.summary.message_counts
         report.missing += self._listing.missing(self._names, counts, self._topics)
+        if self._manifest is None and self._sealed and not report.missing:
+            report.missing.append("the manifest, which every sealed recording has")
         whole = not report.damaged_records and not report.skipped_bytes
         content = self._sealed.get("content_id")
         if content is not None and content == self._digest.hexdigest():

@@ -221,6 +221,24 @@ def test_what_only_the_summary_lists_is_reported(
     assert f"lost: {line}" in entries["percuss.recovered"]["lines"].splitlines()
 
 
+def test_a_manifest_that_stands_in_the_summary_is_reported(tmp_path: Path) -> None:
+    """Exchanged with a schema of the summary, whose list then does not count: nothing told of the loss."""
+    small.write_recording(tmp_path / "a.mcap")
+    data = (tmp_path / "a.mcap").read_bytes()
+    found = list(walk(memoryview(data), len(container.MAGIC)))
+    end = next(i for i, (opcode, _, _) in enumerate(found) if opcode == container.DATA_END)
+    spans = [(at, at + container.RECORD_HEAD + len(body)) for _, at, body in found]
+    manifest = next(i for i, (opcode, _, body) in enumerate(found) if opcode == container.METADATA)
+    schema = next(i for i, (opcode, _, _) in enumerate(found) if i > end and opcode == container.SCHEMA)
+    (a, b), (c, d) = spans[manifest], spans[schema]
+    source = tmp_path / "b.mcap"
+    source.write_bytes(data[:a] + data[c:d] + data[b:c] + data[a:b] + data[d:])
+    report = recover(source, tmp_path / "c.mcap")
+    assert not report.has_manifest
+    assert report.anything_lost
+    assert any("the manifest" in each for each in report.losses())
+
+
 def test_a_changed_declaration_is_taken_from_the_summary(tmp_path: Path) -> None:
     """Schemas and channels have no checksum where the data are, but in the summary."""
     small.write_recording(tmp_path / "a.mcap")
