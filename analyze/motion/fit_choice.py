@@ -134,7 +134,7 @@ def _fits(
     Returns:
         The fits with the chosen one; `chosen` is None if nothing fits.
     """
-    whole = _fit_window(motion.angle, course, planned.phi_predicted_rad, settings.window, estimator)
+    whole = _fit_window(motion.angle, course, planned, settings.window, estimator)
     left = lift_off_frame(edge_motion(motion, whole.window).motion, whole.window)
     until = None if left is None else _fit_until(motion.angle, (whole.window[0], left), estimator)
     if left is None or until is None:
@@ -154,14 +154,14 @@ def _joined(*notes: str) -> str:
 
 
 def _fit_window(
-    angle: TipAngle, course: Course, phi_predicted: float, limits: WindowLimits, estimator: Estimator
+    angle: TipAngle, course: Course, planned: PlannedStrike, limits: WindowLimits, estimator: Estimator
 ) -> _WindowFit:
     """Fit over the window that ends a fixed angle past the fit's own balance angle phi, by iteration.
 
     Args:
         angle: tipping angle theta(t) of the strike.
         course: events of the strike.
-        phi_predicted: predicted balance angle [rad], for the first window.
+        planned: the planned strike; its predicted balance angle gives the first window.
         limits: bounds of the window.
         estimator: function that fits theta(t) over a window.
 
@@ -169,11 +169,11 @@ def _fit_window(
         The last fit with its window, frames [start, stop). The fit is None, with the reason, if any fit of
         the iteration fails.
     """
-    window = free_window(angle, course, phi_predicted, limits)
+    window = free_window(angle, course, planned.phi_predicted_rad, limits, rolls=planned.rolls)
     try:
         fit = estimator(angle, window)
         for _ in range(3):
-            again = free_window(angle, course, fit.phi, limits)
+            again = free_window(angle, course, fit.phi, limits, rolls=planned.rolls)
             if again == window or again[1] - again[0] < MIN_FRAMES:
                 break
             fit = estimator(angle, again)

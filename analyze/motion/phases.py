@@ -153,18 +153,21 @@ def _landing(angle: TipAngle, released: int) -> int:
     return len(angle.theta)
 
 
-def free_window(angle: TipAngle, course: Course, phi: float, limits: WindowLimits) -> tuple[int, int]:
+def free_window(
+    angle: TipAngle, course: Course, phi: float, limits: WindowLimits, *, rolls: bool = False
+) -> tuple[int, int]:
     """Frames [start, stop) in which only gravity acts in a plane: from release to 25 deg past balance.
 
-    It ends earlier where the object, past balance, has turned about other axes by 4 deg. If it lands or
-    returns to rest first, the window ends one frame before this event; if the images end first, with them.
-    (0, 0) if the object did not move. The angles are the defaults of `limits.past_phi` and `.off_axis`.
+    On a round rim it ends earlier where the object, past balance, has turned about other axes by 4 deg. If it
+    lands or returns to rest first, the window ends one frame before this event; if the images end first, with
+    them. (0, 0) if the object did not move. The angles are the defaults of `limits.past_phi` and `.off_axis`.
 
     Args:
         angle: tipping angle theta(t).
         course: events of the strike.
         phi: balance angle [rad].
         limits: bounds of the window.
+        rolls: True if the edge is a round rim.
     """
     if course.released_frame is None:
         return 0, 0
@@ -172,13 +175,15 @@ def free_window(angle: TipAngle, course: Course, phi: float, limits: WindowLimit
     if first >= course.end_frame:
         return first, first
     theta = angle.theta[first : course.end_frame]
-    padded = np.pad(angle.off_axis[first : course.end_frame], _MEDIAN_REACH, mode="edge")
-    aside = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * _MEDIAN_REACH + 1), axis=1)
-    past = np.flatnonzero((theta > phi + limits.past_phi) | ((theta > phi) & (aside > limits.off_axis)))
+    past = theta > phi + limits.past_phi
+    if rolls:
+        padded = np.pad(angle.off_axis[first : course.end_frame], _MEDIAN_REACH, mode="edge")
+        aside = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * _MEDIAN_REACH + 1), axis=1)
+        past |= (theta > phi) & (aside > limits.off_axis)
     # The frame before landing or coming back may be exposed while the contact begins.
     last = (
-        first + int(past[0])
-        if len(past)
+        first + int(np.argmax(past))
+        if past.any()
         else (course.end_frame if course.end_frame == len(angle.theta) else course.end_frame - 1)
     )
     return first, max(first, last)

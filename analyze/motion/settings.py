@@ -13,7 +13,7 @@ class WindowLimits:
     """Bounds of the fit's window: the frames in which the object tips freely, the striker being off.
 
     It begins a number of frames and a time [s] after the impact, above a least tipping angle [rad], and ends
-    an angle [rad] past balance, or before it where the object turns aside.
+    an angle [rad] past balance, on a round rim where the object turns aside.
     """
 
     guard_frames: int = 2
@@ -24,8 +24,8 @@ class WindowLimits:
     """angle past the balance angle phi [rad] at which the window ends; beyond it the edge may lose its grip
     and slide"""
     off_axis: float = math.radians(4.0)
-    """turn about other axes [rad] at which the window ends past balance: an object that falls over a round
-    rim turns aside ever faster, and no longer tips in a plane"""
+    """turn about other axes [rad] at which the window ends past balance, on a round rim: an object that falls
+    over one turns aside ever faster, and no longer tips in a plane"""
     above_rest: float = math.radians(0.7)
     """tipping angle theta [rad] below which the resting face may touch"""
 

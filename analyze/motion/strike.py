@@ -184,8 +184,9 @@ def _analysed(
         return _result(task, judgement or Judgement(Verdict.NOT_MOVED, "no tip"), angle, course, None, ())
     fits = fit_strike(motion, course, task.planned, settings, task.section)
     if fits.chosen is None:
-        window = free_window(angle, course, task.planned.phi_predicted_rad, settings.window)
-        contact = judge_contact(fits.motion, window, task.planned.rolls, settings.verdict)
+        rolls = task.planned.rolls
+        window = free_window(angle, course, task.planned.phi_predicted_rad, settings.window, rolls=rolls)
+        contact = judge_contact(fits.motion, window, rolls, settings.verdict)
         judgement = judgement or fits.second_impact or contact or _judge_unfitted(angle, course, fits.problem)
         return _result(task, judgement, angle, course, None, ())
     fit, impact = _with_contact(fits.chosen, fits.motion, task, settings), fits.second_impact
