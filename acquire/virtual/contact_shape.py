@@ -93,7 +93,12 @@ def inset_corners(points: NDArray[np.float64], inset: float) -> NDArray[np.float
     planes[:, 3] += inset
     corners = HalfspaceIntersection(planes, _point_within(planes, points.mean(axis=0))).intersections
     corners = corners[np.unique(np.round(corners, 7), axis=0, return_index=True)[1]]
-    return corners[np.sort(ConvexHull(corners).vertices)]
+    try:
+        hull = ConvexHull(corners)
+    except QhullError:  # thousands of corners, some within a micrometre of one another: as one from 10 um
+        corners = corners[np.unique(np.round(corners, 5), axis=0, return_index=True)[1]]
+        hull = ConvexHull(corners)
+    return corners[np.sort(hull.vertices)]
 
 
 def _point_within(planes: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.float64]:

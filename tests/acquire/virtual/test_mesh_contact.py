@@ -8,6 +8,7 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from acquire.virtual.contact_shape import inset_corners, mesh_centres
+from tests.world.catalogue import make
 
 RADIUS = 4e-4
 
@@ -70,3 +71,9 @@ def test_a_rim_dense_in_corners_does_not_shift_the_search_for_an_inner_point():
     ring = 0.04 * np.column_stack([np.cos(t := np.arange(400) * 2 * np.pi / 400), np.sin(t), 0 * t])
     plate = np.vstack([ring, [[0, 0, 0.02]]])
     assert len(mesh_centres(plate, RADIUS)) > 50
+
+
+def test_a_hull_of_nearly_coincident_corners_is_inset():
+    """Two of the 5667 inset corners of a hair dryer lie 0.1 um apart: it was called too thin for its edges."""
+    dryer = make("hair_dryer", 1)
+    assert len(mesh_centres(1e-3 * dryer.vertices, 0.00034483202447328656)) > 1000
