@@ -74,6 +74,6 @@ def test_a_rim_dense_in_corners_does_not_shift_the_search_for_an_inner_point():
 
 
 def test_a_hull_of_nearly_coincident_corners_is_inset():
-    """Two of the 5667 inset corners of a hair dryer lie 0.1 um apart: it was called too thin for its edges."""
+    """Two of 5667 inset corners of a hair dryer lie 0.1 um apart: it was called too thin for its edges."""
     dryer = make("hair_dryer", 1)
     assert len(mesh_centres(1e-3 * dryer.vertices, 0.00034483202447328656)) > 1000
