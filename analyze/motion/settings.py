@@ -12,8 +12,8 @@ from analyze.motion.contact import ContactErrors
 class WindowLimits:
     """Bounds of the fit's window: the frames in which the object tips freely, the striker being off.
 
-    It begins a number of frames and a time [s] after the impact, above a least tipping angle [rad], and ends
-    an angle [rad] past balance, on a round rim where the object turns aside.
+    It begins a number of frames and a time [s] after the impact, above a least tipping angle [rad]. It ends
+    an angle [rad] past balance; on a round rim earlier, if the object turns aside.
     """
 
     guard_frames: int = 2

@@ -9,6 +9,8 @@ length.
 
 from __future__ import annotations
 
+import lzma
+import struct
 import warnings
 import zipfile
 import zlib
@@ -65,7 +67,7 @@ MAX_UNPACKED_BYTES: Final = 200_000_000
 """Largest size [bytes] to which a file of tosses may unpack; the published one has 2 MB."""
 _NUMPY_ERRORS: Final = (OSError, ValueError, KeyError, TypeError, MemoryError, SyntaxError, TokenError)
 """Errors of numpy on headers that are damaged or announce more than there is."""
-_ZIP_ERRORS: Final = (zipfile.BadZipFile, zlib.error, NotImplementedError)
+_ZIP_ERRORS: Final = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, NotImplementedError)
 PROGRESS_STEPS: Final = 5
 """Steps of the progress bar."""
 

@@ -177,8 +177,8 @@ class _Salvage:
         report.differences += self._manifest_differences()
         counts = self._writer.summary.message_counts
         report.missing += self._listing.missing(self._names, counts, self._topics)
-        if self._manifest is None and self._sealed and not report.missing:
-            report.missing.append("the manifest, which every sealed recording has")
+        if self._manifest is None and "manifest_sha256" in self._sealed and not report.missing:
+            report.missing.append("the manifest, whose hash the seal states")
         whole = not report.damaged_records and not report.skipped_bytes
         content = self._sealed.get("content_id")
         if content is not None and content == self._digest.hexdigest():

@@ -24,7 +24,7 @@ from schemas.strike_plan import PlanMethod
 if TYPE_CHECKING:
     from pathlib import Path
 
-_REMEDY = "remove the file and analyse its recording again"
+_REMEDY = "remove the file, and run `make reproduce` or analyse its recording again"
 
 
 class Condition(enum.StrEnum):
