@@ -285,6 +285,25 @@ class SupportLine:
 
 
 @dataclass(frozen=True)
+class PivotPlace:
+    """Measured place [m], against the planned pivot line, of the line about which a body turned at balance.
+
+    Distances are horizontal and vertical in the pose at balance.
+    """
+
+    ahead: float
+    """distance of the line ahead of the planned one, towards where the object tips"""
+    sd: float
+    """standard deviation of `ahead`, with that of the markers' place on the object"""
+    above: float = 0.0
+    """height over the planned line of the centre of curvature of what rolled on the table"""
+    above_sd: float = 1.0
+    """standard deviation of `above`, likewise; 1 m if it is not measured"""
+    lift: float = 0.0
+    """height of the planned line over its height at rest"""
+
+
+@dataclass(frozen=True)
 class TipMotion:
     """Motion of one strike: verdict, tipping angle theta(t) [rad], its phases, and fits to it."""
 
@@ -309,9 +328,8 @@ class TipMotion:
     frame_rate_ratio: float | None = None
     """ratio of true to stated frame rate at which the motion would be a tip; None if it is a tip at the
     stated rate, or at none of the ratios tried"""
-    pivot_ahead: tuple[float, float] | None = None
-    """horizontal distance [m] at balance from the planned line to that about which the object turned, ahead
-    being positive, and its sd; None if not measured"""
+    pivot_place: PivotPlace | None = None
+    """measured place of the line about which the object turned at balance; None if not measured"""
     carried_by: SupportLine | None = None
     """line that took over from the planned pivot edge before balance, to which the fit belongs; None if the
     fit belongs to the planned edge"""

@@ -8,7 +8,7 @@ a variance component, estimated from what is seen.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,8 +28,14 @@ CAMERA_SD = 0.02
 """1 sigma [rad] of the camera's roll against the table: only differences between strikes count."""
 UNMEASURED_SD = 0.1
 """1 sigma [rad] of the pose on the object of a marker that was moved."""
-LOG_ODDS_MOVED = float(np.log(100.0))
-"""Logarithm of the odds before any strike that a marker still is where it was measured."""
+UNKNOWN_SLOPE_SD = 0.05
+"""1 sigma [rad] of a face's slopes against those of the scan, where the object rests on other points of it
+than the scan's hull."""
+LOG_ODDS_MOVED, LOG_ODDS_SLOPE = float(np.log(100.0)), float(np.log(30.0))
+"""Logarithms of the odds before any strike that a marker still is where it was measured, and that the slopes
+of a scanned face err no more than the scan says: of 148 axes of scanned objects, 3 lay on faces that did."""
+LOG_ODDS_ALIKE = float(np.log(20.0))
+"""Logarithm of the odds up to which a second explanation of the same turns counts as well."""
 
 
 @dataclass(frozen=True)
@@ -44,22 +50,30 @@ class RestTurns:
     """1 sigma of the turns from strike to strike [rad], as the markers show it."""
     moved: tuple[str, ...]
     """Names of markers that contradict their stated poses on the object, which are not used."""
+    lying_askew: tuple[str, ...] = ()
+    """Names of resting faces on which the object lies turned by more than the errors of the scan's slopes."""
 
 
-def rest_turns(seen: Sequence[Sequence[RestTurn]], by_faces: Array | None = None) -> RestTurns | None:
+def rest_turns(
+    seen: Sequence[Sequence[RestTurn]],
+    by_faces: Array | None = None,
+    doubtful: Mapping[str, Array] | None = None,
+) -> RestTurns | None:
     """Turns of the object at rest, from what its markers show before each strike.
 
     They are normal with an sd that is estimated too, by the likelihood of what is seen; the errors that
-    strikes share are integrated out.
+    strikes share are integrated out. Turns that are too large for them show a marker that was moved, or a
+    face on which the object does not lie as the scan says. Where either explains them, both count as unknown.
 
     Args:
         seen: what each strike's markers show, one entry per strike; empty where none has a known place.
         by_faces: (n, n) covariance [rad^2] of the turns by the slopes of the resting faces; None for 0.
+        doubtful: (n, n) further covariance [rad^2] of the turns if a face's slopes are unknown, by its name.
 
     Returns:
         Expected turns [rad] with their covariance, the sd of the turns from strike to strike, and the names
-        of markers that were moved on the object and are not used; None if no marker with a known place is
-        seen and no slope errs.
+        of markers that were moved on the object and are not used, and of faces on which it lies askew; None
+        if no marker with a known place is seen and no slope errs.
     """
     each = [turn for turns in seen for turn in turns]
     slopes = np.zeros((len(seen), len(seen))) if by_faces is None else by_faces
@@ -67,35 +81,84 @@ def rest_turns(seen: Sequence[Sequence[RestTurn]], by_faces: Array | None = None
         return RestTurns(np.zeros(len(seen)), _root(slopes), 0.0, ()) if np.any(slopes) else None
     strike = np.array([i for i, turns in enumerate(seen) for _ in turns])
     to_strike = (strike[:, None] == np.arange(len(seen))).astype(np.float64)
-    angle = np.array([turn.angle for turn in each])
-    unmeasured: frozenset[str] = frozenset()
-    shown_slopes = to_strike @ slopes @ to_strike.T
-    density = _log_density(_errors(each, unmeasured) + shown_slopes, to_strike, angle)
-    while True:
-        # A marker that has been moved since its pose was measured would pass for a turn of the object.
-        tried = {
-            unmeasured | {name}: _log_density(
-                _errors(each, unmeasured | {name}) + shown_slopes, to_strike, angle
-            )
-            for name in sorted({turn.marker for turn in each} - unmeasured)
-        }
-        best = max(tried, key=lambda more: _total(tried[more]), default=unmeasured)
-        if not tried or _total(tried[best]) < _total(density) + LOG_ODDS_MOVED:
-            break
-        unmeasured, density = best, tried[best]
+    doubt = _Doubt(each, to_strike, slopes, doubtful or {})
+    unknown, density = doubt.unknown()
+    slopes = doubt.slopes(unknown)
+    moved = tuple(sorted(name for kind, name in unknown if kind == _MARKER))
+    askew = tuple(sorted(name for kind, name in unknown if kind == _FACE))
+    errors = _errors(each, frozenset(moved))
     probability = np.exp(density - density.max())
     sd = USUAL_SD * normal_sd(FACTORS, probability / probability.sum())
-    moved = tuple(sorted(unmeasured))
-    if by_faces is None or not np.any(slopes):
-        seen_turns = _errors(each, unmeasured) + sd**2 * (to_strike @ to_strike.T)
+    if not np.any(slopes):
+        seen_turns = errors + sd**2 * (to_strike @ to_strike.T)
         gain = np.asarray(sd**2 * np.linalg.solve(seen_turns, to_strike), dtype=np.float64).T
         covariance = sd**2 * (np.eye(len(seen)) - gain @ to_strike)
         root = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
-        return RestTurns(gain @ angle, root, sd, moved)
+        return RestTurns(gain @ _angles(each), root, sd, moved, askew)
     prior = sd**2 * np.eye(len(seen)) + slopes
-    seen_turns = _errors(each, unmeasured) + to_strike @ prior @ to_strike.T
+    seen_turns = errors + to_strike @ prior @ to_strike.T
     gain = np.asarray(np.linalg.solve(seen_turns, to_strike @ prior), dtype=np.float64).T
-    return RestTurns(gain @ angle, _root(prior - gain @ to_strike @ prior), sd, moved)
+    root = _root(prior - gain @ to_strike @ prior)
+    return RestTurns(gain @ _angles(each), root, sd, moved, askew)
+
+
+_MARKER, _FACE = "marker", "face"
+_Suspect = tuple[str, str]
+"""Kind (marker or face) and name of what may err by more than stated."""
+
+
+@dataclass(frozen=True)
+class _Doubt:
+    """Choice of the markers and faces that err by more than stated."""
+
+    each: Sequence[RestTurn]
+    """Turns as markers show them."""
+    to_strike: Array
+    """(turns, strikes) 1 where a turn is that of a strike, else 0."""
+    by_faces: Array
+    """(strikes, strikes) covariance of the turns by the faces' slopes [rad^2]."""
+    doubtful: Mapping[str, Array]
+    """(strikes, strikes) covariance of the turns [rad^2] if the slopes of a face are unknown, by its name."""
+
+    def unknown(self) -> tuple[frozenset[_Suspect], Array]:
+        """Markers and faces whose stated errors the turns contradict, with the log density of the rest."""
+        suspects = {(_MARKER, turn.marker) for turn in self.each} | {(_FACE, name) for name in self.doubtful}
+        unknown: frozenset[_Suspect] = frozenset()
+        density = self.density(unknown)
+        while more := sorted(suspects - unknown):
+            tried = {each: self.density(unknown | {each}) for each in more}
+            score = {each: _total(tried[each]) - _log_odds(each) for each in more}
+            best = max(more, key=lambda each: score[each])
+            if score[best] < _total(density):
+                break
+            alike = {each for each in more if score[each] > score[best] - LOG_ODDS_ALIKE}
+            alike = {each for each in alike if each[0] != best[0]} | {best}
+            unknown |= alike
+            density = self.density(unknown)
+        return unknown, density
+
+    def density(self, unknown: frozenset[_Suspect]) -> Array:
+        """Log density of the turns if some markers' poses and faces' slopes are unknown."""
+        errors = _errors(self.each, frozenset(name for kind, name in unknown if kind == _MARKER))
+        shown = self.to_strike @ self.slopes(unknown) @ self.to_strike.T
+        return _log_density(errors + shown, self.to_strike, _angles(self.each))
+
+    def slopes(self, unknown: frozenset[_Suspect]) -> Array:
+        """Covariance (strikes, strikes) [rad^2] of the turns by the slopes, those of some faces unknown."""
+        total = self.by_faces
+        for kind, name in unknown:
+            if kind == _FACE:
+                total = total + self.doubtful[name]
+        return total
+
+
+def _log_odds(suspect: _Suspect) -> float:
+    return LOG_ODDS_MOVED if suspect[0] == _MARKER else LOG_ODDS_SLOPE
+
+
+def _angles(each: Sequence[RestTurn]) -> Array:
+    """Turns (n,) [rad] that n markers show."""
+    return np.array([turn.angle for turn in each])
 
 
 def _root(covariance: Array) -> Array:

@@ -103,7 +103,7 @@ class ObjectModel:
         """Exterior of the object without its fixture; this model itself where there is none."""
         return self if self.alone is None else self.alone
 
-    def depth(self, points: Array) -> Array:
+    def depth(self, points: Array, outside: float = np.inf) -> Array:
         """Depth (n,) [m] of points below the object's surface, positive inside.
 
         For a point outside it is minus the distance; outside a convex mesh it is minus the largest height
@@ -111,10 +111,11 @@ class ObjectModel:
 
         Args:
             points: (n, 3) or (3,) points [m], in the object frame.
+            outside: distance [m] outside the object from which on points may get minus this distance.
         """
-        return self.depth_and_gradient(points).value
+        return self.depth_and_gradient(points, outside).value
 
-    def depth_and_gradient(self, points: Array) -> distance.Depth:
+    def depth_and_gradient(self, points: Array, outside: float = np.inf) -> distance.Depth:
         """Depth (n,) [m] of points below the object's surface, and its gradient (n, 3).
 
         The depth is positive inside. For a point outside it is minus the distance; outside a convex mesh it
@@ -123,6 +124,8 @@ class ObjectModel:
 
         Args:
             points: (n, 3) or (3,) points [m], in the object frame.
+            outside: distance [m] outside the object from which on points may get minus this distance, and a
+                gradient of 0.
         """
         points = np.atleast_2d(np.asarray(points, dtype=np.float64))
         if isinstance(self.primitive, Box):
@@ -131,7 +134,7 @@ class ObjectModel:
             return distance.cylinder_depth(self.primitive.radius_m, self.primitive.height_m / 2, points)
         if self.is_convex:
             return distance.convex_depth(self.hull_planes, points)
-        return distance.mesh_depth(self._index, self.vertices, self.faces, points)
+        return distance.mesh_depth(self._index, self.vertices, self.faces, points, outside)
 
     @property
     def noise_sd(self) -> float | None:

@@ -109,13 +109,14 @@ class _SubcellDepths:
         pitch: Edge of the cubes [m].
 
     Attributes:
-        of_cubes: (n,) depths of the cubes' centres [m], positive inside.
+        of_cubes: (n,) depths of the cubes' centres [m], positive inside; outside, half a cube's diagonal at
+            most.
     """
 
     def __init__(self, model: ObjectModel, corners: Array, pitch: float) -> None:
         self._model, self._corners = model, corners
         self._offsets = (np.argwhere(np.ones((SUBCELLS,) * 3)) + 0.5) * (pitch / SUBCELLS)
-        self.of_cubes = model.depth(corners + pitch / 2)
+        self.of_cubes = model.depth(corners + pitch / 2, outside=pitch * np.sqrt(3) / 2)
         # Place of a cube's subcells in the arrays below; -1 if they are not yet computed.
         self._place: IntArray = np.full(len(corners), -1)
         self._value, self._gradient = np.zeros((0, len(self._offsets))), np.zeros((0, len(self._offsets), 3))

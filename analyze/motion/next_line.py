@@ -23,6 +23,7 @@ from analyze.motion.pivot_place import (
     nearest_to_planned,
 )
 from analyze.motion.supports import carrying_line
+from analyze.types import PivotPlace
 from schemas.strike_result import Verdict
 
 if TYPE_CHECKING:
@@ -234,7 +235,7 @@ def counted_for_line(motion: PlanarMotion, found: TipMotion, about: LineMotion) 
         phases=phases_of(motion.angle, replace(about.course, moved_frame=about.moved_frame), fit.phi),
         angle=motion.angle,
         carried_by=about.line,
-        pivot_ahead=(place.ahead + about.line.ahead_m(fit.phi), place.sd),
+        pivot_place=PivotPlace(place.ahead + about.line.ahead_m(fit.phi), place.sd),
     )
 
 

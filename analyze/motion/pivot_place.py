@@ -10,7 +10,6 @@ would be off. Only the height is used: sliding along the table does not change i
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,14 +17,17 @@ import numpy as np
 from analyze.motion.edge_offset import fit_creeping
 from analyze.motion.strike_task import Judgement
 from analyze.motion.supports import carrying_line
+from analyze.types import PivotPlace
 from schemas.strike_result import Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
     from analyze.motion.strike_task import StrikeTask
     from analyze.motion.tip_angle import PlanarMotion
-    from analyze.types import MotionFit, SupportLine
+    from analyze.types import Array, MotionFit, SupportLine
 
 _AROUND_RAD = math.radians(10.0)
 """largest angle from balance [rad] of the frames from which the place is measured"""
@@ -51,21 +53,10 @@ _ANGLE_MARGIN_RAD = math.radians(0.2)
 """error of a take-over angle [rad] that every shape has: unequal rounding of the two edges"""
 
 
-@dataclass(frozen=True)
-class PivotPlace:
-    """Measured horizontal distance [m] from the planned line to that about which a body balanced.
-
-    It is positive if the line lies ahead, in the direction of the tip.
-    """
-
-    ahead: float
-    """horizontal distance [m], positive if the line about which the body turns is ahead of the planned one"""
-    sd: float
-    """standard deviation of `ahead` [m], with that of the markers' place on the object"""
-
-
 def measure_pivot(motion: PlanarMotion, fit: MotionFit) -> PivotPlace | None:
-    """Horizontal distance from the planned line to the line about which the body turns at balance.
+    """Place, against the planned line, of the line about which the body turns at balance.
+
+    Its distance ahead is measured near balance, that of the centre of curvature above over the whole window.
 
     Args:
         motion: the motion, with the lift (height over the place at rest) of the planned line's point as it
@@ -73,24 +64,43 @@ def measure_pivot(motion: PlanarMotion, fit: MotionFit) -> PivotPlace | None:
         fit: fit with the balance angle and its window of frames.
 
     Returns:
-        The distance [m] with its sd, positive in the direction of the tip. None if no marker's place on the
-        object is known, or if fewer than eight frames or less than 4 deg lie within 10 deg of balance.
+        The place with its sds. None if no marker's place on the object is known, or if fewer than eight
+        frames or less than 4 deg lie within 10 deg of balance.
     """
     if motion.place_sd is None:
         return None
-    first, last = fit.window
-    away = motion.angle.theta[first:last] - fit.phi
+    away = motion.angle.theta[slice(*fit.window)] - fit.phi
     near = np.abs(away) < _AROUND_RAD
-    away = away[near]
-    if len(away) < _MIN_FRAMES or float(np.ptp(away)) < _MIN_SPAN_RAD:
+    if np.count_nonzero(near) < _MIN_FRAMES or float(np.ptp(away[near])) < _MIN_SPAN_RAD:
         return None
-    rows = np.column_stack([np.sin(away), 1.0 - np.cos(away), np.ones(len(away))])[None]
-    sd = np.maximum(motion.position_sd[first:last][near], 1e-7)
-    prior = np.array([np.inf, _HEIGHT_SD, np.inf])
-    found = fit_creeping(away, rows, motion.lift[first:last][near][None], sd, prior)
+    ahead, covariance = _fitted_place(motion, fit, near, _HEIGHT_SD)
+    whole, of_whole = _fitted_place(motion, fit, np.ones(len(away), dtype=bool), math.inf)
     return PivotPlace(
-        float(found.parameters[0]), math.hypot(math.sqrt(float(found.covariance[0, 0])), motion.place_sd)
+        float(ahead[0]),
+        math.hypot(math.sqrt(float(covariance[0, 0])), motion.place_sd),
+        float(whole[1]),
+        math.hypot(math.sqrt(float(of_whole[1, 1])), motion.place_sd),
+        float(whole[2]),
     )
+
+
+def _fitted_place(
+    motion: PlanarMotion, fit: MotionFit, used: NDArray[np.bool_], height_sd: float
+) -> tuple[Array, Array]:
+    """Distance ahead, height and lift (3,) [m] of the line, fitted to some frames, with covariance (3, 3).
+
+    Args:
+        motion: the motion with the lift of the planned line's point.
+        fit: fit with the balance angle and its window of n frames.
+        used: (n,) True for the frames to use.
+        height_sd: standard deviation of the height before the measurement [m].
+    """
+    frames = np.arange(*fit.window)[used]
+    away = motion.angle.theta[frames] - fit.phi
+    rows = np.column_stack([np.sin(away), 1.0 - np.cos(away), np.ones(len(away))])[None]
+    sd = np.maximum(motion.position_sd[frames], 1e-7)
+    found = fit_creeping(away, rows, motion.lift[frames][None], sd, np.array([np.inf, height_sd, np.inf]))
+    return found.parameters, found.covariance
 
 
 def judge_support(

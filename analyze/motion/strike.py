@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.errors import EstimationError, TrackingError
+from analyze.motion.axis_heading import judge_heading
 from analyze.motion.contact import with_contact_errors
 from analyze.motion.creep_error import creep_error
 from analyze.motion.fit_choice import fit_strike
@@ -170,6 +171,7 @@ def _analysed(
     """
     if (unseen := _judge_unseen(task)) is not None:
         return _without_motion(task, unseen)
+    tracked = motion
     if task.section is not None and is_curved(task.section, task.planned.phi_predicted_rad):
         motion = relative_to_rolling(motion, task.section, task.planned)
     angle = motion.angle
@@ -191,7 +193,7 @@ def _analysed(
         return _result(task, judgement, angle, course, None, ())
     fit, impact = _with_contact(fits.chosen, fits.motion, task, settings), fits.second_impact
     top = float(np.max(angle.theta[course.released_frame : course.end_frame]))
-    place = measure_pivot(motion, fit)
+    place = measure_pivot(tracked, fit)
     vague = judge_vague(fit, course, top, settings.verdict)
     until_balance = _window_to_balance(angle, course.released_frame, fit)
     judgement = (
@@ -199,6 +201,7 @@ def _analysed(
         or judge_support(motion, fit, place, task)
         or impact
         or judge_contact(fits.motion, until_balance, task.planned.rolls, settings.verdict)
+        or judge_heading(fits.motion, fit.window, task.planned.rolls)
         or judge_place(place, fit, task.radius_sd)
     )
     if vague is not None:
@@ -219,7 +222,7 @@ def _analysed(
             *(sign_change_alternatives(angle, course, fit, settings.smoothing_points) if whole else ()),
         ),
     )
-    return replace(found, pivot_ahead=None if place is None else (place.ahead, place.sd))
+    return replace(found, pivot_place=place)
 
 
 def verdict_of(motion: TipMotion) -> StrikeVerdict:

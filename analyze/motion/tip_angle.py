@@ -101,6 +101,11 @@ class PlanarMotion:
     place is known"""
     rest_turns: tuple[RestTurn, ...] = ()
     """turns of the object at rest against its planned pose, one by each marker whose place on it is known"""
+    roll: Array | None = None
+    """(n,) part of the rotation about other axes that is about the horizontal one across the pivot axis
+    [rad]; None if unknown"""
+    roll_sd: Array | None = None
+    """(n,) standard deviation of `roll` [rad]"""
 
 
 @dataclass(frozen=True)
@@ -201,7 +206,19 @@ def tip_angle(
     place_sd, R_planned = _place_sd(tracks, by_id, placement), placement.R_world_object
     turns = [rest_turn(pose, marker, camera, R_planned, systematic) for marker, pose in views.at_rest]
     seen = tuple(turn for turn in turns if turn is not None)
-    return PlanarMotion(angle, motion[:, 2], position_sd, off_axis_sd, yaw, covariance, place_sd, seen)
+    roll_sd = np.sqrt(full.covariance[:, 4, 4]) * _scale(full)
+    return PlanarMotion(
+        angle,
+        motion[:, 2],
+        position_sd,
+        off_axis_sd,
+        yaw,
+        covariance,
+        place_sd,
+        seen,
+        turned_aside[:, 1],
+        roll_sd,
+    )
 
 
 def _place_sd(

@@ -10,13 +10,14 @@ import numpy as np
 
 from analyze.estimation.equiplane import equiplane, equiplane_normal
 from analyze.estimation.priors import SystematicErrors, TiltPrior
-from analyze.estimation.rest_turns import RestTurns, rest_turns
+from analyze.estimation.rest_turns import UNKNOWN_SLOPE_SD, RestTurns, rest_turns
 from analyze.geometry.cloud_roundings import MAX_RADIUS
 from analyze.geometry.edge_radius import MAX_ASSUMED_RADIUS, blurred_radius, edge_radius, stated_radius
 from analyze.geometry.face_slopes import turn_covariance
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.surface_error import surface_sd
 from analyze.pipeline.evidence import Evidence
+from analyze.pipeline.measured_place import with_measured_places
 from analyze.pipeline.merge import (
     levelling_indices,
 )
@@ -83,7 +84,10 @@ def equiplanes(
                 level=levels[index],
             )
         )
-    return _with_rest_turns(found, turns_at_rest(evidence, motions))
+    planned = [evidence.planned(motion) for motion in motions]
+    meshed = evidence.model.cloud is not None and evidence.model.cloud.meshed
+    placed = with_measured_places(found, planned, motions, meshed=meshed)
+    return _with_rest_turns(placed, turns_at_rest(evidence, motions))
 
 
 def turns_at_rest(evidence: Evidence, motions: Sequence[TipMotion]) -> RestTurns | None:
@@ -105,7 +109,21 @@ def turns_at_rest(evidence: Evidence, motions: Sequence[TipMotion]) -> RestTurns
     for i, face in enumerate(faces):
         alike = [j for j, other in enumerate(faces) if other == face]
         slopes[i, alike] = rotations[alike, 1] @ by_face[face] @ rotations[i, 1]
-    return rest_turns([motion.rest_turns for motion in motions], slopes)
+    return rest_turns([motion.rest_turns for motion in motions], slopes, _unknown_slopes(planned, slopes))
+
+
+def _unknown_slopes(planned: Sequence[PlannedStrike], slopes: Array) -> dict[str, Array]:
+    """Covariance (n, n) [rad^2] of the turns at rest of n strikes if a face's slopes are unknown, by face.
+
+    Only faces of a scan, whose slopes err, are included.
+    """
+    along = np.array([strike.R_world_object for strike in planned]).reshape(-1, 3, 3)[:, 1]
+    found: dict[str, Array] = {}
+    for name in sorted({strike.plane_id for strike in planned}):
+        mine = np.array([strike.plane_id == name for strike in planned])
+        if np.any(slopes[mine]):
+            found[name] = UNKNOWN_SLOPE_SD**2 * np.outer(mine, mine) * (along @ along.T)
+    return found
 
 
 def _with_rest_turns(planes: Sequence[EquiPlane], turns: RestTurns | None) -> tuple[EquiPlane, ...]:

@@ -79,7 +79,9 @@ def rolling_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
             f"include ±{wander:.2f}° for it"
         )
         yield warning(WarningCode.ROLLING_CONTACT, text)
-    if rough := [plane for plane in planes if plane.radius_sd > MAX_RADIUS_SD * plane.edge_radius]:
+    motions = {motion.strike_id: motion for motion in evidence.motions}
+    flanks = [plane for plane in planes if _rolled_on_flank(motions[plane.strike_id])]
+    if rough := [plane for plane in flanks if plane.radius_sd > MAX_RADIUS_SD * plane.edge_radius > 0]:
         share = max(plane.radius_sd / plane.edge_radius for plane in rough)
         names = names_text(sorted({plane.axis_id for plane in rough}))
         text = (
@@ -91,7 +93,6 @@ def rolling_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
             f"{text} include this: a finer scan, or the designer's mesh, narrows them",
         )
     estimator = estimate.options.estimator
-    motions = {motion.strike_id: motion for motion in evidence.motions}
     if hinged := {
         plane.axis_id for plane in planes if _rolls_unmodelled(estimator, motions[plane.strike_id])
     }:
@@ -100,6 +101,11 @@ def rolling_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
             "of k, and on a flank of φ,"
         )
         yield warning(WarningCode.ROLLING_CONTACT, f"{text} are larger than stated")
+
+
+def _rolled_on_flank(motion: TipMotion) -> bool:
+    """True if the contact with the table rolled on a curve of the shape itself."""
+    return motion.fit is not None and motion.fit.rolling is not None and motion.fit.rolling.of_shape
 
 
 def _rolls_unmodelled(estimator: str | None, motion: TipMotion) -> bool:

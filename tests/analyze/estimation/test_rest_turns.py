@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analyze.estimation.rest_turns import rest_turns
+from analyze.estimation.rest_turns import UNKNOWN_SLOPE_SD, rest_turns
 from analyze.types import RestTurn
 
 MARKERS = (0, 1, 2, 2, 3, 3, 4, 4, 5)
@@ -117,3 +117,50 @@ def test_exact_slopes_change_nothing():
     plain, exact = rest_turns(turns), rest_turns(turns, np.zeros((9, 9)))
     assert np.array_equal(plain.mean, exact.mean)
     assert np.array_equal(plain.root, exact.root)
+
+
+FACE_STRIKES = {"p0": (0, 1, 2, 3), "p1": (4, 5, 6, 7, 8)}
+SLOPE_SD = np.radians(0.3)
+
+
+def on_faces(turned, moved=None, seed=0):
+    """Turns shown of strikes on two faces of a scan, of which p0 lies turned by `turned` [rad], and its rows."""
+    turns, crumbs = drawn(np.random.default_rng(seed), 0.0, moved=moved)
+    mine = np.isin(np.arange(len(MARKERS)), FACE_STRIKES["p0"])
+    turns = [
+        tuple(replace(turn, angle=turn.angle + turned * on) for turn in each)
+        for each, on in zip(turns, mine, strict=True)
+    ]
+    rows = {name: np.isin(np.arange(len(MARKERS)), at).astype(float) for name, at in FACE_STRIKES.items()}
+    slopes = sum(SLOPE_SD**2 * np.outer(row, row) for row in rows.values())
+    doubtful = {name: UNKNOWN_SLOPE_SD**2 * np.outer(row, row) for name, row in rows.items()}
+    return turns, crumbs + turned * mine, slopes, doubtful
+
+
+def test_markers_that_agree_show_how_the_object_lies_on_a_face():
+    for seed in range(20):
+        turns, truth, slopes, doubtful = on_faces(np.radians(3), seed=seed)
+        found = rest_turns(turns, slopes, doubtful)
+        assert found.lying_askew == ("p0",)
+        assert found.moved == ()
+        sd = np.linalg.norm(found.root, axis=1)
+        assert np.all(np.abs(found.mean - truth) < 4 * sd)
+        assert np.all(np.abs(found.mean[:4] - np.radians(3)) < np.radians(0.5))
+
+
+def test_a_face_seen_by_one_marker_alone_leaves_open_which_of_them_is_wrong():
+    turns, _, slopes, doubtful = on_faces(np.radians(3))
+    turns = [tuple(replace(turn, marker="0") for turn in each) for each in turns[:4]] + turns[4:]
+    found = rest_turns(turns, slopes, doubtful)
+    assert found.lying_askew == ("p0",)
+    assert found.moved == ("0",)
+    assert np.all(np.linalg.norm(found.root, axis=1)[:4] > np.radians(1))
+
+
+def test_slopes_within_their_errors_doubt_no_face():
+    named = 0
+    for seed in range(40):
+        turned = np.random.default_rng(seed).normal(0, SLOPE_SD)
+        found = rest_turns(*[each for i, each in enumerate(on_faces(turned, seed=seed)) if i != 1])
+        named += found.lying_askew != () or found.moved != ()
+    assert named == 0

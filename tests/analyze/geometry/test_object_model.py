@@ -112,6 +112,20 @@ def test_mesh_and_convex_depth_agree_inside():
     assert any("2 separate bodies" in warning for warning in general.warnings)
 
 
+def test_depths_far_outside_are_cut_off_and_the_others_exact():
+    rng = np.random.default_rng(6)
+    posts = [box_triangles(np.full(3, 20.0), centre=(x, 0, 0)) for x in (0, 300)]
+    model = mesh_of(np.concatenate(posts))
+    points = rng.uniform([-0.05, -0.05, -0.05], [0.35, 0.05, 0.05], (3000, 3))
+    exact, cut = model.depth(points), model.depth(points, outside=5e-3)
+    far = exact < -5e-3 - 4e-3
+    assert 100 < far.sum() < len(points)
+    assert np.all(cut[far] == -5e-3)
+    near = exact > -5e-3
+    assert np.array_equal(cut[near], exact[near])
+    assert np.all(cut[~near & ~far] <= -5e-3)
+
+
 def test_cylinder_primitive_is_exact():
     model = load_object_model(spec_of({"cylinder": {"radius_m": 0.036, "height_m": 0.15}}), None, "")
     assert np.isclose(model.volume, np.pi * 0.036**2 * 0.15)

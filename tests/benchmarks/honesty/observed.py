@@ -34,6 +34,9 @@ ZERO_SD = math.radians(0.005)
 
 ROLL_SD = math.radians(0.1)
 """error of the camera's stated roll, the same in all strikes"""
+ROLL_NOISE = 30
+"""noise of the rotation about the horizontal axis across the edge, over theta's: a tag that faces the camera
+shows it by its tilt in the image alone"""
 REST_TURN_SD = math.radians(0.02)
 """error of a turn at rest by the tag's tilt in the image and the object's heading, of each strike"""
 
@@ -96,7 +99,7 @@ def followed_point(
 
 def observe(
     planned: PlannedStrike,
-    motion: StruckMotion,
+    struck: StruckMotion,
     view: View,
     disturbance: Disturbance,
     rng: np.random.Generator,
@@ -105,13 +108,13 @@ def observe(
 
     Args:
         planned: the strike as planned from the description.
-        motion: the true poses.
+        struck: the true poses.
         view: camera and tags of the session.
         disturbance: sizes of the errors.
         rng: generator of this strike's errors.
     """
-    point = followed_point(planned, motion, view, disturbance, rng)
-    time, turned, path = _sampled(motion, point, view.rate, rng)
+    point = followed_point(planned, struck, view, disturbance, rng)
+    time, turned, path = _sampled(struck, point, view.rate, rng)
     yaw, roll, theta = turned.T
     crumb = rng.normal(0, disturbance.rest)
     moving = theta > max(crumb, 0.0)
@@ -142,10 +145,16 @@ def observe(
     position_sd, off_axis_sd = np.full(n, math.hypot(LEVER * view.noise, 1e-5)), np.full(n, 2 * view.noise)
     place_sd = STATED_PLACE_SD if disturbance.unplaced is None else None
     rise = lift - lift[rest].mean()
+    own = rng.spawn(1)[0]
     turns: tuple[RestTurn, ...] = ()
     if disturbance.unplaced is None:
-        turns = (_rest_turn(planned, motion, crumb, angle, view, disturbance, rng.spawn(1)[0]),)
-    return PlanarMotion(angle, rise, position_sd, off_axis_sd, 0.0, covariance, place_sd, turns), crumb
+        turns = (_rest_turn(planned, struck, crumb, angle, view, disturbance, own),)
+    roll_sd = np.full(n, ROLL_NOISE * view.noise)
+    roll = roll - roll[rest].mean() + own.normal(0, roll_sd)
+    motion = PlanarMotion(
+        angle, rise, position_sd, off_axis_sd, 0.0, covariance, place_sd, turns, roll, roll_sd
+    )
+    return motion, crumb
 
 
 def _rest_turn(
