@@ -130,22 +130,20 @@ def judge_support(
     return Judgement(Verdict.WRONG_EDGE, f"{text}: make the plan anew, or leave this edge out")
 
 
-def judge_place(place: PivotPlace | None, fit: MotionFit, radius_sd: float = 0.0) -> Judgement | None:
+def judge_place(place: PivotPlace | None, fit: MotionFit, edge_sd: float = 0.0) -> Judgement | None:
     """Verdict "wrong edge" if the body balanced over a line measured far off the planned one, else None.
 
-    Far is at least 1 mm and 2.5 sd. The shape need not have another edge there. With another radius of the
-    rounding, the centre line of the same edge lies cos phi - sin phi of the difference behind the planned
-    one at balance.
+    Far is at least 1 mm and 2.5 sd. The shape need not have another edge there.
 
     Args:
         place: measured horizontal distance of the line at balance from the planned one; None if it was not
             measured.
         fit: the chosen fit; a contact that rolls on a curve has no line.
-        radius_sd: 1 sigma of the edge's radius [m].
+        edge_sd: 1 sigma of the edge's place by a scan [m]; 0 for an exact shape.
     """
     if place is None or fit.rolling is not None:
         return None
-    sd = math.hypot(place.sd, (math.cos(fit.phi) - math.sin(fit.phi)) * radius_sd)
+    sd = math.hypot(place.sd, edge_sd)
     if abs(place.ahead) < max(_MIN_OFF_M, _OFF_SIGMAS * sd):
         return None
     side = "ahead of" if place.ahead > 0 else "behind"
@@ -177,7 +175,8 @@ def _line_by_shape(
     candidates = [
         line
         for line in _near_balance(supports, min(fit.phi, top), math.sqrt(float(fit.covariance[0, 0])))
-        if line is not supports[planned] and matters(line, supports[planned], task)
+        if line is not supports[planned]
+        and matters(line, supports[planned], task, measured=place is not None)
     ]
     if not candidates:
         return None
@@ -220,16 +219,19 @@ def _near_balance(supports: Sequence[SupportLine], phi: float, phi_sd: float) ->
     return found
 
 
-def matters(line: SupportLine, planned: SupportLine, task: StrikeTask) -> bool:
+def matters(line: SupportLine, planned: SupportLine, task: StrikeTask, *, measured: bool = False) -> bool:
     """True if two support lines are so far apart that strikes over them are different measurements.
 
     Support lines are the edges over which the body turns in succession as it tips. The distance must exceed
-    0.2 mm and two standard deviations of the planned edge's place.
+    0.2 mm and two standard deviations of the planned edge's place; on a scan, whose edges err by more, those
+    of `task.edge_sd` if the place at balance was measured, as the estimate then uses that.
 
     Args:
         line: one of the lines.
         planned: the other line, usually the one that is the planned pivot.
         task: the strike as planned, with the standard deviation of its edge's place.
+        measured: True if the place of the line at balance was measured.
     """
     apart = math.hypot(line.along_m - planned.along_m, line.up_m - planned.up_m)
-    return apart > max(_MIN_SHIFT_M, _SHIFT_SIGMAS * task.planned.pivot.sd_m)
+    sd = max(task.planned.pivot.sd_m, task.edge_sd if measured else 0.0)
+    return apart > max(_MIN_SHIFT_M, _SHIFT_SIGMAS * sd)

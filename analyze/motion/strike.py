@@ -202,7 +202,7 @@ def _analysed(
         or impact
         or judge_contact(fits.motion, until_balance, task.planned.rolls, settings.verdict)
         or judge_heading(fits.motion, fit.window, task.planned.rolls)
-        or judge_place(place, fit, task.radius_sd)
+        or judge_place(place, fit, task.edge_sd)
     )
     if vague is not None:
         # Rolling aside on a rim makes phi uncertain; balance has no certain frame then: judge the whole fit.

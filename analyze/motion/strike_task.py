@@ -39,8 +39,9 @@ class StrikeTask:
     over, the line at rest first; None if unknown, or if the contact rolls on a curve"""
     plan_strikes: tuple[PlannedStrike, ...] = ()
     """all strikes of the plan, one of which an object that was not placed as planned may fit"""
-    radius_sd: float = 0.0
-    """1 sigma [m] of the radius of the pivot edge where a scan leaves it open; else 0"""
+    edge_sd: float = 0.0
+    """1 sigma [m] by which the pivot edge may lie ahead of the planned one, at balance, as it was scanned; 0
+    for a mesh that is no scan"""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from analyze.pipeline.evidence import (
     StrikeSource,
     StruckObject,
 )
-from analyze.pipeline.sections import blurred_radius_sd, next_face_angle, rolling_outline, strike_supports
+from analyze.pipeline.sections import next_face_angle, rolling_outline, scanned_edge_sd, strike_supports
 from analyze.planning.corrected import corrected_plan
 from analyze.progress import Progress
 from analyze.reading.object_file import read_object_files
@@ -331,7 +331,7 @@ def _strike(
         report.unmarked_ns,
         strike_supports(struck.model, planned),
         tuple(struck.plan.strikes),
-        blurred_radius_sd(struck.spec, struck.model, planned),
+        scanned_edge_sd(struck.spec, struck.model, planned),
     )
     motion = analyse_strike(report.tracks, markers, camera, task)
     manifest = recording.manifest

@@ -29,6 +29,13 @@ if TYPE_CHECKING:
     from schemas.object_spec import ObjectSpec
     from schemas.strike_plan import PlannedStrike
 
+SCANNED_EDGE_SD = 1.5e-3
+"""1 sigma [m] of the place of a scan's edges beyond their radius
+
+Of 166 axes of scans with 0.5 mm of noise, the lines that carried lay within 0.6 mm of those planned in half,
+within 2.5 mm in nine of ten.
+"""
+
 
 def rolling_outline(model: ObjectModel, planned: PlannedStrike) -> SupportFunction | None:
     """Support function of the curved flank on which the object rolls in a strike, or None.
@@ -106,19 +113,23 @@ def strike_supports(model: ObjectModel, planned: PlannedStrike) -> tuple[Support
     return support_lines(_projected(model, planned), planned.pivot.radius_m, planned.pivot.sd_m)
 
 
-def blurred_radius_sd(spec: ObjectSpec, model: ObjectModel, planned: PlannedStrike) -> float:
-    """1 sigma [m] of the radius of a strike's edge where a scan leaves it open; 0 for other edges.
+def scanned_edge_sd(spec: ObjectSpec, model: ObjectModel, planned: PlannedStrike) -> float:
+    """1 sigma [m] by which a strike's edge may lie ahead of the planned one, at balance, as it was scanned.
+
+    It joins the radius where the scan leaves it open, and `SCANNED_EDGE_SD`; 0 for a mesh that is no scan.
 
     Args:
         spec: object file, with the edges' radii where they are stated.
         model: the object's exterior, in the object frame O.
         planned: rest pose and pivot of the strike.
     """
-    pivot = planned.pivot
+    if model.cloud is None or not model.cloud.meshed:
+        return 0.0
+    pivot, phi = planned.pivot, planned.phi_predicted_rad
     shift = inward_shift(pivot, np.array(planned.R_world_object), model)
     corner = np.array(pivot.point) - pivot.radius_m * shift
     prior = edge_radius(spec, model, planned.axis_id, corner, np.array(pivot.direction))
-    return prior.blurred_sd or 0.0
+    return float(np.hypot(SCANNED_EDGE_SD, (np.cos(phi) - np.sin(phi)) * (prior.blurred_sd or 0.0)))
 
 
 def _projected(model: ObjectModel, planned: PlannedStrike) -> Array:
@@ -189,10 +200,10 @@ class MeshSections:
         model = self._loaded()
         return None if model is None else strike_supports(model, planned)
 
-    def radius_sd(self, planned: PlannedStrike) -> float:
-        """1 sigma [m] of the radius of a planned strike's edge where a scan leaves it open; else 0."""
+    def edge_sd(self, planned: PlannedStrike) -> float:
+        """1 sigma [m] of a planned strike's edge, ahead at balance, by a scan; 0 for other meshes."""
         model = self._loaded()
-        return 0.0 if model is None else blurred_radius_sd(self._spec, model, planned)
+        return 0.0 if model is None else scanned_edge_sd(self._spec, model, planned)
 
     def _loaded(self) -> ObjectModel | None:
         """The object's exterior, loaded at the first call; None if it was not available at that call."""

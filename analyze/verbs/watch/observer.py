@@ -182,7 +182,7 @@ class Observer:
                 report.unmarked_ns,
                 None if self._sections is None else self._sections.supports(planned),
                 tuple(self._strikes.values()),
-                0.0 if self._sections is None else self._sections.radius_sd(planned),
+                0.0 if self._sections is None else self._sections.edge_sd(planned),
             )
             motion = analyse_strike(report.tracks, self._markers, camera, task)
         except AnalyzeError as error:

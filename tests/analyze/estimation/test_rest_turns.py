@@ -124,7 +124,7 @@ SLOPE_SD = np.radians(0.3)
 
 
 def on_faces(turned, moved=None, seed=0):
-    """Turns shown of strikes on two faces of a scan, of which p0 lies turned by `turned` [rad], and its rows."""
+    """Turns shown of strikes on two faces of a scan, p0 lying turned by `turned` [rad], with truth."""
     turns, crumbs = drawn(np.random.default_rng(seed), 0.0, moved=moved)
     mine = np.isin(np.arange(len(MARKERS)), FACE_STRIKES["p0"])
     turns = [

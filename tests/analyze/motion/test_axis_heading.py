@@ -40,7 +40,7 @@ def test_a_tip_over_an_askew_line_is_a_wrong_edge(side):
 @pytest.mark.parametrize(
     "tip",
     [
-        rolling_aside(math.radians(8)),
+        rolling_aside(math.radians(6)),
         rolling_aside(0.0, sd=math.radians(40)),
         motion(),
         replace(rolling_aside(0.3), angle=motion(theta_max=0.01).angle),

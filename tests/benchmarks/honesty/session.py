@@ -15,7 +15,7 @@ from analyze.motion.strike import analyse_motion
 from analyze.motion.strike_task import StrikeTask
 from analyze.pipeline.estimate import Estimate, estimate_evidence
 from analyze.pipeline.evidence import Evidence, RecordingHead
-from analyze.pipeline.sections import blurred_radius_sd, next_face_angle, rolling_outline, strike_supports
+from analyze.pipeline.sections import next_face_angle, rolling_outline, scanned_edge_sd, strike_supports
 from analyze.result.document import result_document
 from analyze.types import TipMotion
 from schemas.object_spec import ObjectSpec
@@ -177,7 +177,7 @@ def make_strikes(
             next_face_angle(described.model, named),
             supports=strike_supports(described.model, named),
             plan_strikes=tuple(described.plan.strikes),
-            radius_sd=blurred_radius_sd(described.spec, described.model, named),
+            edge_sd=scanned_edge_sd(described.spec, described.model, named),
         )
         if images:
             crumb, motion = 0.0, analyse_images(task, strike, tags, struck, view, rng)
