@@ -69,7 +69,7 @@ def shells_of(vertices: Array, faces: IntArray, piece: IntArray) -> Shells:
         faces = faces[~is_closed]
         if not len(faces):
             return Shells(closed, [])
-    rest = _split(faces, _edge_components(faces))
+    rest = _split(faces, edge_components(faces))
     return Shells(closed, [each for each in rest if len(each) >= MIN_FACES or not closed])
 
 
@@ -256,7 +256,7 @@ def _by_shell(shell: IntArray, forward: BoolArray) -> list[IntArray]:
     return [each for each in alike if len(each) == 2 and forward[each].sum() == 1]
 
 
-def _edge_components(faces: IntArray) -> IntArray:
+def edge_components(faces: IntArray) -> IntArray:
     """Number (f,) of the connected part of each of `faces` (f, 3), connected by any common edge."""
     edges = polyhedron.directed_edges(faces)
     key = edges.min(axis=1) * (int(faces.max(initial=0)) + 1) + edges.max(axis=1)
