@@ -316,8 +316,7 @@ def _with_contact(
 ) -> MotionFit:
     """Copy of a fit whose covariance includes the errors of contact and camera.
 
-    It is the (2, 2) covariance of balance angle phi [rad] and rate k [rad/s^2] of
-    theta'' = -k sin(phi - theta), theta the tipping angle.
+    It is the (2, 2) covariance of balance angle phi [rad] and rate k [rad/s^2] of the tip.
 
     Args:
         fit: the chosen fit of the tipping angle.
