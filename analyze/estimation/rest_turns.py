@@ -8,7 +8,7 @@ a variance component, estimated from what is seen.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,7 +33,7 @@ UNKNOWN_SLOPE_SD = 0.05
 than the scan's hull."""
 LOG_ODDS_MOVED, LOG_ODDS_SLOPE = float(np.log(100.0)), float(np.log(30.0))
 """Logarithms of the odds before any strike that a marker still is where it was measured, and that the slopes
-of a scanned face err no more than the scan says: of 148 axes of scanned objects, 3 lay on faces that did."""
+of a scanned face err no more than the scan says: of 405 axes of scanned objects, 11 lay on faces that did."""
 LOG_ODDS_ALIKE = float(np.log(20.0))
 """Logarithm of the odds up to which a second explanation of the same turns counts as well."""
 
@@ -52,6 +52,8 @@ class RestTurns:
     """Names of markers that contradict their stated poses on the object, which are not used."""
     lying_askew: tuple[str, ...] = ()
     """Names of resting faces on which the object lies turned by more than the errors of the scan's slopes."""
+    either: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = ()
+    """Names of faces, and of markers, of which either may be at fault; both count as unknown."""
 
 
 def rest_turns(
@@ -82,10 +84,9 @@ def rest_turns(
     strike = np.array([i for i, turns in enumerate(seen) for _ in turns])
     to_strike = (strike[:, None] == np.arange(len(seen))).astype(np.float64)
     doubt = _Doubt(each, to_strike, slopes, doubtful or {})
-    unknown, density = doubt.unknown()
+    unknown, density, either = doubt.unknown()
     slopes = doubt.slopes(unknown)
-    moved = tuple(sorted(name for kind, name in unknown if kind == _MARKER))
-    askew = tuple(sorted(name for kind, name in unknown if kind == _FACE))
+    moved, askew = _names(unknown, _MARKER), _names(unknown, _FACE)
     errors = _errors(each, frozenset(moved))
     probability = np.exp(density - density.max())
     sd = USUAL_SD * normal_sd(FACTORS, probability / probability.sum())
@@ -94,17 +95,19 @@ def rest_turns(
         gain = np.asarray(sd**2 * np.linalg.solve(seen_turns, to_strike), dtype=np.float64).T
         covariance = sd**2 * (np.eye(len(seen)) - gain @ to_strike)
         root = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
-        return RestTurns(gain @ _angles(each), root, sd, moved, askew)
+        return RestTurns(gain @ _angles(each), root, sd, moved, askew, either)
     prior = sd**2 * np.eye(len(seen)) + slopes
     seen_turns = errors + to_strike @ prior @ to_strike.T
     gain = np.asarray(np.linalg.solve(seen_turns, to_strike @ prior), dtype=np.float64).T
     root = _root(prior - gain @ to_strike @ prior)
-    return RestTurns(gain @ _angles(each), root, sd, moved, askew)
+    return RestTurns(gain @ _angles(each), root, sd, moved, askew, either)
 
 
 _MARKER, _FACE = "marker", "face"
 _Suspect = tuple[str, str]
 """Kind (marker or face) and name of what may err by more than stated."""
+_Either = tuple[tuple[str, ...], tuple[str, ...]]
+"""Names of faces, and of markers, of which either explains the same turns."""
 
 
 @dataclass(frozen=True)
@@ -120,11 +123,15 @@ class _Doubt:
     doubtful: Mapping[str, Array]
     """(strikes, strikes) covariance of the turns [rad^2] if the slopes of a face are unknown, by its name."""
 
-    def unknown(self) -> tuple[frozenset[_Suspect], Array]:
-        """Markers and faces whose stated errors the turns contradict, with the log density of the rest."""
+    def unknown(self) -> tuple[frozenset[_Suspect], Array, tuple[_Either, ...]]:
+        """Markers and faces whose stated errors the turns contradict, and the log density of the turns then.
+
+        Third, the faces and the markers of which either explains the same turns, as `RestTurns.either`.
+        """
         suspects = {(_MARKER, turn.marker) for turn in self.each} | {(_FACE, name) for name in self.doubtful}
         unknown: frozenset[_Suspect] = frozenset()
         density = self.density(unknown)
+        either: list[_Either] = []
         while more := sorted(suspects - unknown):
             tried = {each: self.density(unknown | {each}) for each in more}
             score = {each: _total(tried[each]) - _log_odds(each) for each in more}
@@ -133,13 +140,15 @@ class _Doubt:
                 break
             alike = {each for each in more if score[each] > score[best] - LOG_ODDS_ALIKE}
             alike = {each for each in alike if each[0] != best[0]} | {best}
+            if len(alike) > 1:
+                either.append((_names(alike, _FACE), _names(alike, _MARKER)))
             unknown |= alike
             density = self.density(unknown)
-        return unknown, density
+        return unknown, density, tuple(either)
 
     def density(self, unknown: frozenset[_Suspect]) -> Array:
         """Log density of the turns if some markers' poses and faces' slopes are unknown."""
-        errors = _errors(self.each, frozenset(name for kind, name in unknown if kind == _MARKER))
+        errors = _errors(self.each, frozenset(_names(unknown, _MARKER)))
         shown = self.to_strike @ self.slopes(unknown) @ self.to_strike.T
         return _log_density(errors + shown, self.to_strike, _angles(self.each))
 
@@ -150,6 +159,10 @@ class _Doubt:
             if kind == _FACE:
                 total = total + self.doubtful[name]
         return total
+
+
+def _names(suspects: Iterable[_Suspect], kind: str) -> tuple[str, ...]:
+    return tuple(sorted(name for each, name in suspects if each == kind))
 
 
 def _log_odds(suspect: _Suspect) -> float:

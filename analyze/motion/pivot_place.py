@@ -133,21 +133,25 @@ def judge_support(
 def judge_place(place: PivotPlace | None, fit: MotionFit, edge_sd: float = 0.0) -> Judgement | None:
     """Verdict "wrong edge" if the body balanced over a line measured far off the planned one, else None.
 
-    Far is at least 1 mm and 2.5 sd. The shape need not have another edge there.
+    Far is at least 1 mm and 2.5 sd. The shape need not have another edge there. Where the contact rolls, the
+    line is that below the centre of curvature at balance.
 
     Args:
         place: measured horizontal distance of the line at balance from the planned one; None if it was not
             measured.
-        fit: the chosen fit; a contact that rolls on a curve has no line.
+        fit: the chosen fit, with the circle on which the contact rolled, if it did.
         edge_sd: 1 sigma of the edge's place by a scan [m]; 0 for an exact shape.
     """
-    if place is None or fit.rolling is not None:
+    if place is None:
         return None
-    sd = math.hypot(place.sd, edge_sd)
-    if abs(place.ahead) < max(_MIN_OFF_M, _OFF_SIGMAS * sd):
+    ahead, sd, line = place.ahead, math.hypot(place.sd, edge_sd), "the planned one"
+    if (rolled := fit.rolling) is not None:
+        ahead -= rolled.forward * math.cos(fit.phi) + rolled.up * math.sin(fit.phi)
+        sd, line = math.hypot(sd, rolled.sd), "where its shape rolls"
+    if abs(ahead) < max(_MIN_OFF_M, _OFF_SIGMAS * sd):
         return None
-    side = "ahead of" if place.ahead > 0 else "behind"
-    off = f"{1e3 * abs(place.ahead):.1f} ± {2e3 * place.sd:.1f} mm {side} the planned one"
+    side = "ahead of" if ahead > 0 else "behind"
+    off = f"{1e3 * abs(ahead):.1f} ± {2e3 * place.sd:.1f} mm {side} {line}"
     text = f"balanced over a line {off}: check the marker's place and the shape of this edge"
     return Judgement(Verdict.WRONG_EDGE, text)
 

@@ -208,14 +208,18 @@ def _scatter_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
             f" {names_text(turned)} (positive: towards the tip); this answer takes it into account: clean the"
             " table and the object's underside",
         )
-    for name in rest.lying_askew:
-        text = f"on {name} the object lies turned by more than the errors of the scan's slopes"
-        remedy = "scan that side anew, or use another side"
-        if rest.moved:
-            text = f"{text}, or marker {names_text(rest.moved)} was moved on it: strikes there hardly count"
-            remedy = f"determine the markers' poses anew with `analyze register`, or {remedy}"
-        yield warning(WarningCode.REST_TURNED, f"{text}: {remedy}")
-    for name in () if rest.lying_askew else rest.moved:
+    by_scan = "the object lies turned by more than the errors of the scan's slopes"
+    for faces, markers in rest.either:
+        text = f"on {names_text(faces)} {by_scan}, or marker {names_text(markers)} was moved on it"
+        remedy = "determine the markers' poses anew with `analyze register`, or scan that side anew"
+        yield warning(WarningCode.REST_TURNED, f"{text}: strikes there hardly count: {remedy}")
+    unclear = {name for pair in rest.either for names in pair for name in names}
+    for name in sorted({*rest.lying_askew} - unclear):
+        yield warning(
+            WarningCode.REST_TURNED,
+            f"on {name} {by_scan}; this answer takes it into account: scan that side anew",
+        )
+    for name in sorted({*rest.moved} - unclear):
         yield warning(
             WarningCode.MARKER_MOVED,
             f"marker {name} at rest contradicts its pose in the object file, as if it had been moved on the"

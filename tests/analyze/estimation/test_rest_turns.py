@@ -143,6 +143,7 @@ def test_markers_that_agree_show_how_the_object_lies_on_a_face():
         found = rest_turns(turns, slopes, doubtful)
         assert found.lying_askew == ("p0",)
         assert found.moved == ()
+        assert found.either == ()
         sd = np.linalg.norm(found.root, axis=1)
         assert np.all(np.abs(found.mean - truth) < 4 * sd)
         assert np.all(np.abs(found.mean[:4] - np.radians(3)) < np.radians(0.5))
@@ -154,6 +155,7 @@ def test_a_face_seen_by_one_marker_alone_leaves_open_which_of_them_is_wrong():
     found = rest_turns(turns, slopes, doubtful)
     assert found.lying_askew == ("p0",)
     assert found.moved == ("0",)
+    assert found.either == ((("p0",), ("0",)),)
     assert np.all(np.linalg.norm(found.root, axis=1)[:4] > np.radians(1))
 
 
