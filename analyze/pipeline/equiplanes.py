@@ -21,6 +21,7 @@ from analyze.pipeline.measured_place import with_measured_places
 from analyze.pipeline.merge import (
     levelling_indices,
 )
+from analyze.pipeline.sections import SCANNED_EDGE_SD
 from analyze.planning.pivots import place_sd, wall_lean
 from analyze.planning.stable_planes import resting_planes
 from analyze.types import Array, EquiPlane, RadiusPrior, RadiusSource, TipMotion
@@ -86,7 +87,7 @@ def equiplanes(
         )
     planned = [evidence.planned(motion) for motion in motions]
     meshed = evidence.model.cloud is not None and evidence.model.cloud.meshed
-    placed = with_measured_places(found, planned, motions, meshed=meshed)
+    placed = with_measured_places(found, planned, motions, SCANNED_EDGE_SD if meshed else 0.0)
     return _with_rest_turns(placed, turns_at_rest(evidence, motions))
 
 

@@ -21,10 +21,6 @@ from analyze.estimation.joint_model import centre_line_shift
 from analyze.types import Array, EquiPlane, PivotPlace, RadiusPrior, TipMotion
 from schemas.strike_plan import PlannedStrike
 
-MESHED_SHARE = 0.5
-"""least sd of a place by the shape, over the measured one's, from which the measured one counts on a meshed
-scan: its edges err by more than their sd says, as chamfers look like roundings"""
-
 
 @dataclass(frozen=True)
 class _Seen:
@@ -44,8 +40,7 @@ def with_measured_places(
     planes: Sequence[EquiPlane],
     planned: Sequence[PlannedStrike],
     motions: Sequence[TipMotion],
-    *,
-    meshed: bool,
+    own_sd: float = 0.0,
 ) -> tuple[EquiPlane, ...]:
     """Equi-planes moved to where the motions show their pivot lines, on axes that the shape knows less well.
 
@@ -57,13 +52,13 @@ def with_measured_places(
         planes: equi-planes of the strikes (through pivot line and centre of mass), in the object frame O.
         planned: the planned strike of each.
         motions: the motion of each.
-        meshed: True if the shape is a mesh made of a scan.
+        own_sd: 1 sigma [m] by which the shape misplaces a rounded edge besides its radius, as chamfers look
+            like roundings in a scan; 0 for an exact shape.
 
     Returns:
-        The planes, in the same order. A strike that has no measured place, was carried by another line than
-        planned, or rolled on a curve whose radius is known has its plane unchanged.
+        The planes, in the same order. A strike that was carried by another line than planned, or rolled on a
+        curve whose radius is known, has its plane unchanged; one without a measured place gets `own_sd`.
     """
-    least = MESHED_SHARE if meshed else 1.0
     seen: dict[tuple[str, float], list[_Seen]] = {}
     for plane, strike, motion in zip(planes, planned, motions, strict=True):
         if motion.pivot_place is not None:
@@ -72,7 +67,7 @@ def with_measured_places(
     return tuple(
         plane
         if plane.radius_prior is None or not plane.rounded or plane.facet_rad
-        else _moved(plane, plane.radius_prior, seen.get((plane.axis_id, plane.heading), []), least)
+        else _moved(plane, plane.radius_prior, seen.get((plane.axis_id, plane.heading), []), own_sd)
         for plane in planes
     )
 
@@ -84,15 +79,16 @@ def _seen(plane: EquiPlane, strike: PlannedStrike, place: PivotPlace) -> _Seen:
     return _Seen(place.ahead + apart, place.sd, radius, place.above_sd)
 
 
-def _moved(plane: EquiPlane, prior: RadiusPrior, seen: Sequence[_Seen], least: float) -> EquiPlane:
+def _moved(plane: EquiPlane, prior: RadiusPrior, seen: Sequence[_Seen], own_sd: float) -> EquiPlane:
     """Copy of a plane whose line and radius are the averages of the shape's and the measured ones.
 
-    Unchanged where the sd of the shape's place is at most `least` times that of the measured one.
+    Only the sd of the place changes where the shape knows it better than the motions show it.
     """
     across = _across(plane)
-    by_shape = math.hypot(float(centre_line_shift(plane) @ across) * prior.sd, plane.edge_sd)
-    if not seen or by_shape <= least * min(each.sd for each in seen):
-        return plane
+    edge_sd = math.hypot(plane.edge_sd, own_sd)
+    by_shape = math.hypot(float(centre_line_shift(plane) @ across) * prior.sd, edge_sd)
+    if not seen or by_shape <= min(each.sd for each in seen):
+        return replace(plane, edge_sd=edge_sd) if own_sd else plane
     ahead, sd = _average([(0.0, by_shape), _mean([(each.ahead, each.sd) for each in seen])])
     radius, radius_sd = _average(
         [(plane.edge_radius, prior.sd), _mean([(each.radius, each.radius_sd) for each in seen])]

@@ -10,7 +10,7 @@ import pytest
 from analyze.motion.pivot_place import PivotPlace, judge_place, judge_support, measure_pivot
 from analyze.motion.settings import MotionSettings
 from analyze.motion.strike import analyse_motion
-from analyze.types import SupportLine, TipMotion
+from analyze.types import RollingContact, SupportLine, TipMotion
 from schemas.strike_result import Verdict
 from tests.analyze.motion.hopping import CONTACTS, Prism, chamfered, filmed, struck
 
@@ -173,3 +173,16 @@ def test_an_edge_that_a_scan_misplaces_is_no_other_edge():
     assert judge_place(behind, fit) is not None
     assert judge_place(behind, fit, edge_sd=1.6e-3) is None
     assert judge_place(PivotPlace(-8e-3, 6e-4), fit, edge_sd=1.6e-3) is not None
+
+
+def test_a_rolling_contact_is_compared_where_it_rolls():
+    """Two strikes of a toy that rolled on its axles, 4.5 mm from where its shape has them, counted as good."""
+    phi = math.radians(20)
+    rolling = RollingContact(3e-3, 1e-3, 5e-3, 2e-4, 1.2)
+    fit = SimpleNamespace(phi=phi, rolling=rolling)
+    below_centre = 3e-3 * math.cos(phi) + 1e-3 * math.sin(phi)
+    assert judge_place(PivotPlace(below_centre + 1e-3, PLACE_SD), fit) is None
+    for off in (-4.5e-3, 4.5e-3):
+        assert judge_place(PivotPlace(below_centre + off, PLACE_SD), fit).code is Verdict.WRONG_EDGE
+    vague = SimpleNamespace(phi=phi, rolling=replace(rolling, sd=3e-3))
+    assert judge_place(PivotPlace(below_centre + 4.5e-3, PLACE_SD), vague) is None

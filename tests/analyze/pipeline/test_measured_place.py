@@ -12,6 +12,7 @@ from analyze.estimation.equiplane import equiplane_normal
 from analyze.estimation.priors import ComPrior, SystematicErrors
 from analyze.geometry.edge_radius import blurred_radius
 from analyze.pipeline.measured_place import with_measured_places
+from analyze.pipeline.sections import SCANNED_EDGE_SD
 from analyze.types import EquiPlane, PivotPlace
 
 PLACE_SD = 5e-4
@@ -63,7 +64,7 @@ def height(planes):
 
 def test_lines_that_a_chamfer_moves_inwards_are_taken_where_the_motion_shows_them():
     planes, plan, motions = strikes([-2e-3, -2.5e-3, -2e-3, -2.5e-3])
-    placed = with_measured_places(planes, plan, motions, meshed=True)
+    placed = with_measured_places(planes, plan, motions, SCANNED_EDGE_SD)
     for plane, motion in zip(placed, motions, strict=True):
         assert abs(plane.normal @ (COM - plane.point)) < PLACE_SD
         assert plane.edge_sd < motion.pivot_place.sd
@@ -90,16 +91,24 @@ def test_other_planes_stay(case):
             [1e-3] * 4, prior=replace(PRIOR, common_sd=1e-4, own_sd=1e-4, face_sd=0)
         )
         planes = [replace(plane, edge_sd=1e-4) for plane in planes]
-    placed = with_measured_places(planes, plan, motions, meshed=True)
+    placed = with_measured_places(planes, plan, motions)
     assert all(one is other for one, other in zip(placed, planes, strict=True))
+
+
+@pytest.mark.parametrize("ahead_sd", [None, 4e-3])
+def test_edges_of_a_scan_have_their_own_error_where_no_motion_places_them(ahead_sd):
+    planes, plan, motions = strikes([1e-3] * 4, ahead_sd)
+    for placed in with_measured_places(planes, plan, motions, SCANNED_EDGE_SD):
+        assert placed.edge_sd == pytest.approx(math.hypot(2e-4, SCANNED_EDGE_SD), rel=0.3)
+        assert placed.rounded
 
 
 def test_the_strikes_of_one_axis_share_their_place():
     planes, plan, motions = strikes([-2e-3] * 4)
     again = replace(planes[0], strike_id="s9.1")
     further = SimpleNamespace(pivot_place=PivotPlace(motions[0].pivot_place.ahead + 4e-4, PLACE_SD))
-    placed = with_measured_places([*planes, again], [*plan, plan[0]], [*motions, further], meshed=True)
+    placed = with_measured_places([*planes, again], [*plan, plan[0]], [*motions, further], SCANNED_EDGE_SD)
     assert placed[0].point == pytest.approx(placed[4].point)
-    alone = with_measured_places(planes, plan, motions, meshed=True)[0]
+    alone = with_measured_places(planes, plan, motions, SCANNED_EDGE_SD)[0]
     assert (placed[0].point - alone.point) @ placed[0].normal != 0
     assert placed[0].edge_sd == alone.edge_sd
