@@ -5,13 +5,11 @@ The regions are the shell (outer wall) and the interior on either side of a plan
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analyze.errors import EstimationError
 from analyze.estimation.agreement import (
     Agreement,
     CentreDifference,
@@ -20,74 +18,41 @@ from analyze.estimation.agreement import (
     centre_difference,
     estimator_disagreements,
 )
-from analyze.estimation.cells import Cells, cells_from_voxels, shell_thickness
-from analyze.estimation.checks import Checks, check_solution
-from analyze.estimation.edge_radii import EdgeRadius, RadiusCheck, estimated_radii, without_refuted_radii
+from analyze.estimation.cells import Cells
+from analyze.estimation.checks import Checks
+from analyze.estimation.edge_radii import EdgeRadius, RadiusCheck, estimated_radii
 from analyze.estimation.fill_level import FillLevel
-from analyze.estimation.fixture import fixture_prior
-from analyze.estimation.inertia import inertial_parameters_from_joint, shape_prior
-from analyze.estimation.joint import JointSolution, MomentModel, solve_joint
+from analyze.estimation.joint import JointSolution
 from analyze.estimation.labelled_parts import parts_of_bodies, parts_of_cells
-from analyze.estimation.markers import can_subtract, without_markers
 from analyze.estimation.mass_properties import CentreOfMass, InertialParameters, MassDistribution
 from analyze.estimation.part_masses import PartMasses, measured_moments, part_masses
-from analyze.estimation.priors import ComPrior, Scale
-from analyze.estimation.profile import profiled_posterior
+from analyze.estimation.priors import Scale
 from analyze.estimation.rest_turns import RestTurns
 from analyze.estimation.scatter import ScatterRange, scatter_range
 from analyze.estimation.sensitivity import ErrorSource, Sensitivity, sensitivity
 from analyze.estimation.shape_errors import Box, box_of, shape_errors
 from analyze.estimation.voxel_map import VoxelMap, voxel_map
 from analyze.estimation.what_ifs import Alternative
-from analyze.geometry.voxels import voxelise
 from analyze.pipeline.evidence import Evidence
 from analyze.pipeline.filling import estimate_filling, filling_label
-from analyze.pipeline.fixture import FixtureEstimate, alternatives_alone, object_alone, paper_alone
+from analyze.pipeline.fixture import FixtureEstimate, alternatives_alone, paper_alone
 from analyze.pipeline.frame_rate import (
     FrameRate,
-    check_frame_rates,
-    drop_untimed_k,
-    stated_scale,
     with_estimated_gravity,
 )
 from analyze.pipeline.prediction import StrikePrediction, predict_strikes
-from analyze.pipeline.rim_heading import with_heading_errors
 from analyze.pipeline.shells import region_masses
-from analyze.pipeline.surface_error import SurfaceError, with_surface_error
-from analyze.pipeline.too_few import too_few_text
+from analyze.pipeline.solved import EstimateOptions, recorded_in, solve_strikes
+from analyze.pipeline.surface_error import SurfaceError
 from analyze.pipeline.what_ifs import estimate_alternatives
 from analyze.planning.stable_planes import resting_planes
-from analyze.types import EquiPlane, TipMotion
-from schemas.strike_result import Verdict
+from analyze.types import EquiPlane
 
 if TYPE_CHECKING:
-    from analyze.geometry.object_model import ObjectModel
-    from schemas.object_spec import ObjectSpec
+    pass
 
-from analyze.pipeline.equiplanes import equiplanes, systematic_errors, turns_at_rest
+from analyze.pipeline.equiplanes import turns_at_rest
 from analyze.pipeline.paper import PaperEstimate, paper_estimate
-
-CELLS = 4000
-"""approximate number of cells that the body's volume is divided into"""
-MIN_STRIKES = 3
-"""fewest usable strikes for an estimate"""
-USABLE_VERDICTS = (Verdict.GOOD, Verdict.ROCKED_BACK)
-"""verdicts of usable strikes: one that rocked back still gives balance angle phi and rate constant k"""
-
-
-@dataclass(frozen=True)
-class EstimateOptions:
-    """Choices of the user for one estimate: object file, strikes to leave out, estimator, random seed."""
-
-    object_path: Path | None = None
-    """object file that replaces the recording's; None to use the recording's"""
-    exclude: frozenset[str] = frozenset()
-    """ids of strikes to leave out; with the recording's number before them if several hold such an id"""
-    estimator: str | None = None
-    """estimator of balance angle phi and rate constant k: pivot_fit, rolling_fit, moment_balance or
-    sign_change; None for the one that suits each motion"""
-    seed: int = 0
-    """seed of the random draws behind region, part and filling intervals"""
 
 
 @dataclass(frozen=True)
@@ -212,106 +177,56 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         ShapeError: a label of the object file names a part that the shape does not have.
     """
     options = options or EstimateOptions()
-    used, prior = _used_motions(evidence, options), ComPrior.from_bounds(*evidence.model.bounds)
-    evidence, surface_error = with_surface_error(evidence, used, prior, options.estimator)
-    spec, model, systematic = evidence.spec, evidence.model, systematic_errors(evidence)
-    recording_of = [evidence.recorded_in.get(motion.strike_id, 0) for motion in used]
-    stated_planes, radius_check = without_refuted_radii(
-        equiplanes(evidence, used, options.estimator), recording_of, systematic, prior
-    )
-    stated_planes = with_heading_errors(stated_planes, evidence, systematic, prior)
-    scale = stated_scale(evidence)
-    struck_cells = _cells(spec, model)
-    cells = struck_cells if model.held is None else _cells(spec, model.own)
-    prior_of_moments = shape_prior(cells)
-    if model.held is not None:
-        prior_of_moments = fixture_prior(model.held, prior_of_moments)
-    moments = MomentModel(scale, prior_of_moments)
-    rates = check_frame_rates(evidence, stated_planes, systematic, prior, moments, struck_cells)
-    planes, scale = drop_untimed_k(evidence, stated_planes, scale, rates)
-    moments = replace(moments, scale=scale)
-    solution = solve_joint(planes, systematic, prior, moments)
-    posterior = profiled_posterior(planes, systematic, prior, moments, solution)
-    struck = inertial_parameters_from_joint(solution, prior, scale, posterior)
-    checks = check_solution(
-        planes, systematic, prior, moments, solution, (model.hull_vertices, model.hull_planes)
-    )
-    bare = without_markers(struck, spec.marker) if can_subtract(spec.marker) else struck
-    inertial, fixture = object_alone(bare, model)
-    priors = (systematic, prior, moments)
-    paper, struck_paper_planes = paper_estimate(evidence, used, struck_cells, scale)
+    solved = solve_strikes(evidence, options)
+    evidence, used, inertial, checks = solved.evidence, solved.used, solved.inertial, solved.checks
+    spec, model, cells, solution = evidence.spec, evidence.model, solved.cells, solved.solution
+    priors = (solved.systematic, solved.prior, solved.moments)
+    paper, struck_paper_planes = paper_estimate(evidence, used, solved.struck_cells, solved.scale)
     return Estimate(
         evidence=evidence,
         options=options,
-        fitted_planes=planes,
+        fitted_planes=solved.planes,
         inertial=inertial,
-        com_struck=struck.com,
-        scale=scale,
-        solved_scale=with_estimated_gravity(scale, solution),
+        com_struck=solved.struck.com,
+        scale=solved.scale,
+        solved_scale=with_estimated_gravity(solved.scale, solution),
         cells=cells,
         distribution=region_masses(spec, model.own, cells, inertial, np.random.default_rng(options.seed)),
         parts=_labelled_parts(evidence, cells, inertial, solution, options),
         filling=estimate_filling(
             evidence, cells, measured_moments(inertial), np.random.default_rng(options.seed)
         ),
-        paper=paper_alone(paper, struck, bare, model),
+        paper=paper_alone(paper, solved.struck, solved.bare, model),
         checks=checks,
         predictions=predict_strikes(evidence, checks.left_out),
         agreements=Agreements(
-            agreement(planes, recording_of, struck.com, systematic, prior),
-            centre_difference(paper.com, struck_paper_planes, struck.com, prior),
+            agreement(
+                solved.planes, recorded_in(evidence, used), solved.struck.com, solved.systematic, solved.prior
+            ),
+            centre_difference(paper.com, struck_paper_planes, solved.struck.com, solved.prior),
             estimator_disagreements(used),
         ),
-        frame_rates=tuple(rates),
+        frame_rates=solved.rates,
         voxels=voxel_map(measured_moments(inertial), cells),
         sensitivity=sensitivity(
-            solution, prior, struck, inertial, ErrorSource.MASS if fixture is None else ErrorSource.FIXTURE
+            solution,
+            solved.prior,
+            solved.struck,
+            inertial,
+            ErrorSource.MASS if solved.fixture is None else ErrorSource.FIXTURE,
         ),
         alternatives=alternatives_alone(
-            estimate_alternatives(evidence, used, planes, priors, solution, struck), bare, fixture, inertial
+            estimate_alternatives(evidence, used, solved.planes, priors, solution, solved.struck),
+            solved.bare,
+            solved.fixture,
+            inertial,
         ),
         edge_radii=estimated_radii(solution),
-        radius_check=radius_check,
-        scatter=scatter_range(systematic, solution.factors),
+        radius_check=solved.radius_check,
+        scatter=scatter_range(solved.systematic, solution.factors),
         rest=turns_at_rest(evidence, used),
-        surface_error=surface_error,
-        fixture=fixture,
-    )
-
-
-def _cells(spec: ObjectSpec, model: ObjectModel) -> Cells:
-    """A body divided into about `CELLS` cells, with its given or an assumed shell (outer wall)."""
-    pitch = (model.volume / CELLS) ** (1 / 3)
-    return cells_from_voxels(voxelise(model, pitch, shell_thickness(spec, model)))
-
-
-def _used_motions(evidence: Evidence, options: EstimateOptions) -> list[TipMotion]:
-    """Motions to estimate from: fitted, tipped over or rocked back, and not excluded by the user.
-
-    They are in recording order.
-
-    Args:
-        evidence: motions of all strikes.
-        options: choices of the user, of which the strikes to exclude are used.
-
-    Raises:
-        EstimationError: there are fewer than three.
-    """
-    used = [motion for motion in evidence.motions if _usable(motion, options)]
-    if len(used) < MIN_STRIKES:
-        usable = [motion.strike_id for motion in evidence.motions if _usable(motion, EstimateOptions())]
-        raise EstimationError(
-            too_few_text(MIN_STRIKES, evidence.motions, usable, options.exclude, evidence.plan)
-        )
-    return used
-
-
-def _usable(motion: TipMotion, options: EstimateOptions) -> bool:
-    """True if a strike's motion has a fit, the object tipped over or rocked back, and it is not excluded."""
-    return (
-        motion.fit is not None
-        and motion.verdict in USABLE_VERDICTS
-        and motion.strike_id not in options.exclude
+        surface_error=solved.surface_error,
+        fixture=solved.fixture,
     )
 
 

@@ -56,7 +56,7 @@ def _coarse_regions() -> Iterator[None]:
     Cells and random planes do not change the centre of mass, its moments or the checks of the strikes.
     """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("analyze.pipeline.estimate.CELLS", 500)
+        patch.setattr("analyze.pipeline.solved.CELLS", 500)
         patch.setattr("analyze.estimation.plane_chains.CHAINS", 50)
         patch.setattr("analyze.estimation.plane_chains.RANDOM_SURFACES", 600)
         yield

@@ -75,7 +75,7 @@ def answer() -> Answer:
         for each in made.motions[:4]
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("analyze.pipeline.estimate.CELLS", 500)
+        patch.setattr("analyze.pipeline.solved.CELLS", 500)
         found = answer_evidence(
             replace(
                 made,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from contextlib import ExitStack
+from types import ModuleType
 from typing import Any
 from unittest.mock import patch
 
@@ -22,6 +23,7 @@ from analyze.motion.strike import analyse_motion
 from analyze.motion.strike_task import StrikeTask
 from analyze.motion.tip_angle import PlanarMotion
 from analyze.pipeline import estimate as pipeline
+from analyze.pipeline import solved
 from analyze.result.answer import Answer
 from analyze.types import TipMotion
 from tests.benchmarks.coverage import PER_SHAPE
@@ -36,9 +38,14 @@ STAGES = {
     "paper_estimate": "the paper's estimate",
     "voxel_map": "voxel map",
 }
-"""rows of the table by functions that `analyze.pipeline.estimate` calls"""
+"""rows of the table by functions that `analyze.pipeline.estimate` and `solved` call"""
 DOCUMENT = "the document"
 MOTION = "theta(t) of nine strikes to phi and k"
+
+
+def stage_owner(name: str) -> ModuleType:
+    """Module of the pipeline that calls the function of a stage by `name`."""
+    return next(module for module in (solved, pipeline) if hasattr(module, name))
 
 
 class Stopwatch:
@@ -58,7 +65,7 @@ class Stopwatch:
 
     def timed(self, name: str) -> Any:
         """Wrap a function of the pipeline to measure its time."""
-        function = getattr(pipeline, name)
+        function = getattr(stage_owner(name), name)
 
         def measured(*args: Any, **kwargs: Any) -> Any:
             began = time.process_time()
@@ -76,7 +83,7 @@ class Stopwatch:
             return None
         with ExitStack() as stack:
             for name in STAGES:
-                stack.enter_context(patch.object(pipeline, name, self.timed(name)))
+                stack.enter_context(patch.object(stage_owner(name), name, self.timed(name)))
             began = time.process_time()
             estimate = pipeline.estimate_evidence(made[0])
             estimated = time.process_time()

@@ -22,7 +22,7 @@ from tests.places import ROOT
 @pytest.fixture(scope="module")
 def answer() -> Answer:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("analyze.pipeline.estimate.CELLS", 500)
+        patch.setattr("analyze.pipeline.solved.CELLS", 500)
         return answer_evidence(session(carton(), np.random.default_rng(3), repeats=1))
 
 
