@@ -174,7 +174,7 @@ def _factors(
         apart, by = shape_rows(found.moment_prior, found.x)
         off = off + by.T @ apart
     covariance = np.asarray(
-        np.linalg.inv(_precision(diagonal, found.moment_prior, found.x)), dtype=np.float64
+        np.linalg.inv(prior_information(diagonal, found.moment_prior, found.x)), dtype=np.float64
     )
     before_strikes = found.x - covariance @ off, covariance
     return estimated_factors(
@@ -211,12 +211,12 @@ def _solve(
             planes, np.hypot([plane.sd_phi for plane in planes], systematic.strike_angle_sd)
         )
     z, rows = whitened(model, data, x)
-    precision = _precision(diagonal, shape, x)
+    precision = prior_information(diagonal, shape, x)
     for _ in range(MAX_ITERATIONS):
         before = x
         shape = None if moments is None else moments.prior(x[COM])
         x, z, rows = _step(model, data, (start, diagonal, shape), x, weight, z, rows)
-        precision = _precision(diagonal, shape, x)
+        precision = prior_information(diagonal, shape, x)
         freedom = float(data.parts.sum()) - _effective_parameters(precision, rows, weight)
         each = np.abs(np.concatenate([z[:, 0], z[data.uses_k > 0, 1]]))
         scatter = max(1.0, 1.4826 * float(np.median(each)) * np.sqrt(len(each) / max(freedom, 1.0)))
@@ -283,7 +283,7 @@ def shape_rows(shape: UnitPrior, x: Array) -> tuple[Array, Array]:
     return symmetric_entries(J - shape.mean) / sd, rows
 
 
-def _precision(diagonal: Array, shape: UnitPrior | None, x: Array) -> Array:
+def prior_information(diagonal: Array, shape: UnitPrior | None, x: Array) -> Array:
     """Information (count, count) that the priors contribute about the unknowns, an inverse covariance.
 
     The unknowns are those of `JointModel`: centre of mass, second moments, then errors that strikes share

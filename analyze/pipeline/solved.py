@@ -118,8 +118,8 @@ def solve_strikes(evidence: Evidence, options: EstimateOptions) -> SolvedStrikes
     )
     stated_planes = with_heading_errors(stated_planes, evidence, systematic, prior)
     scale = stated_scale(evidence)
-    struck_cells = _cells(spec, model)
-    cells = struck_cells if model.held is None else _cells(spec, model.own)
+    struck_cells = body_cells(spec, model)
+    cells = struck_cells if model.held is None else body_cells(spec, model.own)
     prior_of_moments = shape_prior(cells)
     if model.held is not None:
         prior_of_moments = fixture_prior(model.held, prior_of_moments)
@@ -162,7 +162,7 @@ def recorded_in(evidence: Evidence, motions: Sequence[TipMotion]) -> list[int]:
     return [evidence.recorded_in.get(motion.strike_id, 0) for motion in motions]
 
 
-def _cells(spec: ObjectSpec, model: ObjectModel) -> Cells:
+def body_cells(spec: ObjectSpec, model: ObjectModel) -> Cells:
     """A body divided into about `CELLS` cells, with its given or an assumed shell (outer wall)."""
     pitch = (model.volume / CELLS) ** (1 / 3)
     return cells_from_voxels(voxelise(model, pitch, shell_thickness(spec, model)))
@@ -180,19 +180,18 @@ def _used_motions(evidence: Evidence, options: EstimateOptions) -> list[TipMotio
     Raises:
         EstimationError: there are fewer than three.
     """
-    used = [motion for motion in evidence.motions if _usable(motion, options)]
+    usable = usable_motions(evidence)
+    used = [motion for motion in usable if motion.strike_id not in options.exclude]
     if len(used) < MIN_STRIKES:
-        usable = [motion.strike_id for motion in evidence.motions if _usable(motion, EstimateOptions())]
+        ids = [motion.strike_id for motion in usable]
         raise EstimationError(
-            too_few_text(MIN_STRIKES, evidence.motions, usable, options.exclude, evidence.plan)
+            too_few_text(MIN_STRIKES, evidence.motions, ids, options.exclude, evidence.plan)
         )
     return used
 
 
-def _usable(motion: TipMotion, options: EstimateOptions) -> bool:
-    """True if a strike's motion has a fit, the object tipped over or rocked back, and it is not excluded."""
-    return (
-        motion.fit is not None
-        and motion.verdict in USABLE_VERDICTS
-        and motion.strike_id not in options.exclude
-    )
+def usable_motions(evidence: Evidence) -> list[TipMotion]:
+    """Motions that have a fit, of an object that tipped over or rocked back, in recording order."""
+    return [
+        motion for motion in evidence.motions if motion.fit is not None and motion.verdict in USABLE_VERDICTS
+    ]

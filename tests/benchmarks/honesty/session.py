@@ -148,28 +148,62 @@ def make_strikes(
 
     `how` is the disturbance, and whether images are drawn.
     """
-    disturbance, images = how
-    view = draw_view(disturbance, rng)
-    tilt = disturbance.tilt * made.lean
-    chosen = _chosen(described.plan.strikes, disturbance, rng)
-    labels = {strike.id: strike for strike in chosen}
-    if disturbance.mislabelled:
-        labels = _swapped(chosen, rng)
-    tags = stick_tags(made.body, described.plan.strikes, view, disturbance)
-    at_rest = rng.spawn(1)[0]
-    motions: list[TipMotion] = []
-    truths: dict[str, StrikeTruth] = {}
-    for strike in chosen:
+    session = StruckSession(described, made, how, bank, rng)
+    for strike in session.chosen:
+        session.strike(strike)
+    return session.motions, session.truths
+
+
+class StruckSession:
+    """Session whose strikes are made one after another.
+
+    Args:
+        described: object as its user describes it, with the plan.
+        made: true body and table.
+        how: the disturbance, and whether images are drawn.
+        bank: struck motions.
+        rng: random generator of the session.
+
+    Attributes:
+        chosen: planned strikes that are made, all unless the disturbance leaves some out.
+        motions: analysed motions, in the order of the strikes.
+        truths: their truth by strike id.
+    """
+
+    def __init__(
+        self,
+        described: Description,
+        made: Specimen,
+        how: tuple[Disturbance, bool],
+        bank: Bank,
+        rng: np.random.Generator,
+    ) -> None:
+        self._described, self._made, self._how, self._bank, self._rng = described, made, how, bank, rng
+        disturbance, _ = how
+        self._view = draw_view(disturbance, rng)
+        self.chosen = _chosen(described.plan.strikes, disturbance, rng)
+        self._labels = _swapped(self.chosen, rng) if disturbance.mislabelled else {}
+        self._tags = stick_tags(made.body, described.plan.strikes, self._view, disturbance)
+        self._at_rest = rng.spawn(1)[0]
+        self.motions: list[TipMotion] = []
+        self.truths: dict[str, StrikeTruth] = {}
+
+    def strike(self, strike: PlannedStrike) -> TipMotion | None:
+        """Make and analyse a planned strike; None if the body does not stand as planned."""
+        described, made, rng = self._described, self._made, self._rng
+        disturbance, images = self._how
         back = rng.random() < BACK_SHARE
         variant = f"{'back' if back else 'over'}{rng.integers(VARIANTS)}"
         known = rng.random() < 0.5
-        struck = bank.motion(made, np.array(strike.R_world_object), strike.impact_height_m, tilt, variant)
+        rotation, tilt = np.array(strike.R_world_object), disturbance.tilt * made.lean
+        struck = self._bank.motion(made, rotation, strike.impact_height_m, tilt, variant)
         if struck is None:
-            continue
-        named = labels[strike.id]
-        tracked, crumb = observe(named, struck, view, disturbance, rng)
+            return None
+        named = self._labels.get(strike.id, strike)
+        tracked, crumb = observe(named, struck, self._view, disturbance, rng)
+        attempt = 1 + sum(motion.plan_strike_id == named.id for motion in self.motions)
         task = StrikeTask(
-            f"{named.id}.1",
+            f"{named.id}.{attempt}",
             named,
             T0 if known else 0,
             None,
@@ -180,15 +214,15 @@ def make_strikes(
             edge_sd=scanned_edge_sd(described.spec, described.model, named),
         )
         if images:
-            crumb, motion = 0.0, analyse_images(task, strike, tags, struck, view, rng)
+            crumb, motion = 0.0, analyse_images(task, strike, self._tags, struck, self._view, rng)
         else:
-            motion = misplaced(task, strike, tags, struck, view, at_rest)
+            motion = misplaced(task, strike, self._tags, struck, self._view, self._at_rest)
             motion = motion or analyse_motion(tracked, task, MotionSettings())
-        motions.append(motion)
-        truths[task.strike_id] = StrikeTruth(
+        self.motions.append(motion)
+        self.truths[task.strike_id] = StrikeTruth(
             struck.tip, struck.tip.phi - crumb, struck.over, named is not strike
         )
-    return motions, truths
+        return motion
 
 
 def _chosen(
