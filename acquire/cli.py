@@ -11,12 +11,13 @@ import os
 import signal
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 
+from acquire.console.session_options import target_of, target_options
+from acquire.console.strike_options import StrikeOptions
 from acquire.console.virtual_options import refuse_truth_of_ours, virtual_options
 from acquire.errors import AcquireError, CameraNotFound, DaemonSilent
 from schemas.command_line import Commands, NumberRange, one_line_errors, version_option
@@ -113,22 +114,44 @@ def run(rig: Path, as_json: bool, parent: int | None) -> None:
 @click.option(
     "--rig", type=click.Path(path_type=Path), help=f"{_SOCKET_HELP}; without it, the default socket."
 )
+@target_options
+@click.option(
+    "--resume",
+    "earlier",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    help="Go on where this recording of the same plan ended; may be given for several.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")
 @_one_line_errors
-def session(object_file: Path, plan: Path, output: Path, rig: Path | None, as_json: bool) -> None:
-    """Strike OBJECT (TOML) by PLAN (JSON) with the running daemon. Asks you to place the object."""
+def session(
+    object_file: Path,
+    plan: Path,
+    output: Path,
+    rig: Path | None,
+    until: str | None,
+    max_strikes: int | None,
+    earlier: tuple[Path, ...],
+    as_json: bool,
+) -> None:
+    """Strike OBJECT (TOML) by PLAN (JSON) with the running daemon. Asks you to place the object.
+
+    With --until every strike is chosen by the answer so far, and the session ends when it is certain enough.
+    """
     from acquire.console.session import ConsoleOperator, SessionProgress
     from acquire.daemon.client import DaemonClient
     from acquire.recorder.atomic import refuse_taken, refuse_unwritable
+    from acquire.session.earlier import read_earlier
     from acquire.session.runner import SessionRunner
     from acquire.session.session_input import SessionInput
 
     refuse_unwritable(output)
     refuse_taken(output)
-    given = SessionInput(object_file, plan)
+    target, given = target_of(until, max_strikes), SessionInput(object_file, plan)
+    before = read_earlier(earlier, given.plan_json, plan)
     socket = _socket(rig)
     with DaemonClient(socket) as client, SessionProgress() as progress, ConsoleOperator(socket, progress):
-        report = SessionRunner(client, given, output, progress).run()
+        report = SessionRunner(client, given, output, progress, target=target, earlier=before).run()
     _print_session(report, as_json)
 
 
@@ -147,6 +170,7 @@ def session(object_file: Path, plan: Path, output: Path, rig: Path | None, as_js
     default="ours",
     help="How the strikes are chosen; see `analyze plan`.",
 )
+@target_options
 @click.option("--force", is_flag=True, help="Replace the output if it exists.")
 @click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")
 @_one_line_errors
@@ -169,8 +193,10 @@ def demo(
     refuse_truth_of_ours(object_name, truth)
     place = replaced_output(output) if force else fresh_output(output)
     devices = DeviceOptions(object_name, seed, address or free_address(), truth)
+    target = target_of(plan_options.pop("until"), plan_options.pop("max_strikes"))
+    plan = DemoPlan(**plan_options, target=target)
     with SessionProgress() as progress:
-        report = run_demo(devices, place, plan=DemoPlan(**plan_options), progress=progress)
+        report = run_demo(devices, place, plan=plan, progress=progress)
     _print_session(report, as_json)
 
 
@@ -201,57 +227,6 @@ def virtual(object_name: str, truth: Path | None, seed: int, address: str | None
         sys.stdout.flush()
 
     rehearse(DeviceOptions(object_name, seed, address or free_address(), truth), folder, show)
-
-
-@dataclass(frozen=True)
-class StrikeOptions:
-    """Options of `acquire strike` that select a single strike or the calibration of the striker."""
-
-    speed: float | None
-    """tip speed [m/s]; None if not given"""
-    plan: Path | None
-    """plan file; None if not given"""
-    strike_id: str | None
-    """id of the strike in the plan; None if not given"""
-    energy: float | None
-    """energy ratio of the planned strike: kinetic energy after it over that needed to reach balance; None if
-    not given"""
-    calibrate: bool
-    """True to calibrate the bare striker in place of one strike"""
-    bodies: tuple[float, ...]
-    """masses of the bodies to strike [kg]; infinite for a wall"""
-    speeds: str | None
-    """tip speeds [m/s] of a calibration, comma-separated; None if not given"""
-    repeats: int
-    """number of swings of a calibration at each speed and target"""
-    write: bool
-    """True to write a calibration's estimates into the rig file"""
-
-    def refuse_contradictions(self, rig: Path | None) -> None:
-        """Refuse options that contradict each other or lack one another.
-
-        Args:
-            rig: rig file of the option --rig; None if not given.
-
-        Raises:
-            click.UsageError: the options cannot be used together.
-        """
-        if self.calibrate:
-            if rig is None or self.speed is not None or self.plan is not None:
-                raise click.UsageError("--calibrate needs --rig; give --speeds instead of --speed or --plan")
-            return
-        one_source = (self.speed is None) != (self.plan is None) and (self.plan is None) == (
-            self.strike_id is None
-        )
-        if self.bodies or self.speeds or self.write or not one_source:
-            raise click.UsageError(
-                "give either --speed, or --plan with --strike; "
-                "--body-mass-kg, --speeds and --write belong to --calibrate"
-            )
-        if self.energy is not None and self.plan is None:
-            raise click.UsageError(
-                "--energy needs --plan and --strike: without an object a speed has no energy ratio"
-            )
 
 
 @main.command()
@@ -390,6 +365,8 @@ def _print_session(report: Any, as_json: bool) -> None:
             f"{counted(report.lost, 'frame')} lost"
         )
         echo(f"{', '.join(map(str, report.files))}: {counts}")
+        if report.text and not report.complaint:
+            echo(report.text)
     if report.complaint:
         echo(f"acquire: {report.complaint}", err=True)
     if report.complaint or report.lost:

@@ -19,6 +19,7 @@ from acquire.config import read_rig
 from acquire.daemon.client import DaemonClient, wait_for_socket
 from acquire.errors import SessionError
 from acquire.recorder.atomic import refuse_taken, refuse_unwritable
+from acquire.session.adaptive import Target
 from acquire.session.runner import Progress, SessionRunner
 from acquire.session.session_input import SessionInput
 from acquire.session.session_report import SessionReport
@@ -76,7 +77,7 @@ def replaced_output(path: Path) -> DemoOutput:
 
 @dataclass(frozen=True)
 class DemoPlan:
-    """Options of `analyze plan` that a demo passes on: number of strikes, number of pivot axes, method."""
+    """Options of a demo's session: those of `analyze plan`, and the precision at which it stops itself."""
 
     strikes: int = 9
     """number of strikes to plan"""
@@ -84,6 +85,8 @@ class DemoPlan:
     """largest number of different pivot axes; None for as many as improve the estimate"""
     method: str = "ours"
     """way to choose the strikes: "ours" or "paper\""""
+    target: Target | None = None
+    """precision at which the session stops itself; None to make every planned strike"""
 
     def arguments(self) -> list[str]:
         """Command-line arguments of `analyze plan` for these options."""
@@ -99,7 +102,7 @@ def run_demo(
     Args:
         devices: object, seed and camera address of the virtual rig.
         output: the recording to write, and older files to delete once the rig is up.
-        plan: options of `analyze plan`.
+        plan: options of plan and session.
         progress: called with a text, the number of strikes done, and the number of all strikes.
 
     Returns:
@@ -142,7 +145,7 @@ def _session(
     Args:
         rig: devices of the virtual rig, not yet started.
         output: the recording to write, and older files to delete once the rig is up.
-        plan: options of `analyze plan`.
+        plan: options of plan and session.
         progress: called with a text, the number of strikes done, and the number of all strikes.
         truth_path: file to copy the ground truth to.
         cleanup: ends the started processes.
@@ -172,7 +175,7 @@ def _session(
         older.unlink(missing_ok=True)
     try:
         given = SessionInput(rig.object_path, plan_path)
-        return SessionRunner(client, given, output.path, progress, SERVO_TIMEOUT_S).run()
+        return SessionRunner(client, given, output.path, progress, SERVO_TIMEOUT_S, plan.target).run()
     finally:  # a session that ends early leaves a recording as well
         shutil.copyfile(world.truth(), truth_path)
 

@@ -10,6 +10,7 @@ import os
 
 import click
 
+from analyze.verbs.advise.command import advise
 from analyze.verbs.batch import batch
 from analyze.verbs.cache import cache
 from analyze.verbs.calibrate.command import calibrate
@@ -55,6 +56,7 @@ for _verb in (
     replay,
     inspect,
     watch,
+    advise,
     print_tags,
     reproduce,
     calibrate,

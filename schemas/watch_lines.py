@@ -87,3 +87,108 @@ class StrikeVerdict(Document):
     )
     contact_time_sd_ns: float | None = None
     """1 sigma of contact_time_ns [ns]; null if that is"""
+
+
+class AdviceRequest(Document):
+    """Request that a session writes to the standard input of `analyze advise`: the answer so far, what next.
+
+    A target of null does not matter. The answer is a SessionEstimate with the same number.
+    """
+
+    kind: Literal["advise"] = "advise"
+    number: int = Field(ge=1, description="number of the request in the session")
+    strike_id: str = ""
+    """id of the newest attempt, whose record the answer must include; "" before the first"""
+    target_com_m: float | None = Field(default=None, gt=0)
+    """half width of the 95 % interval of the centre of mass in its least certain direction to reach"""
+    target_inertia: float | None = Field(default=None, gt=0)
+    """relative half width of the 95 % intervals of the diagonal moments to reach"""
+    left: int = Field(default=0, ge=0, description="number of strikes that may still be made")
+    last_plan_strike_id: str = ""
+    """id of the planned strike made last; "" before the first"""
+    stands: bool = False
+    """true if the object still stands as it was placed for the last strike"""
+    excluded: list[str] = Field(default_factory=list[str])
+    """ids of planned strikes that cannot be made"""
+    failures: dict[str, int] = Field(default_factory=dict[str, int])
+    """number of attempts without a usable verdict, by id of the planned strike"""
+    earlier: list[str] = Field(default_factory=list[str])
+    """paths of earlier recordings of this object whose strikes count as well"""
+
+
+class SessionCheck(Document):
+    """Check that must pass before a session stops itself."""
+
+    name: str
+    passed: bool
+    text: str
+    """finding in words"""
+
+
+class SessionTarget(Document):
+    """Precision at which a session stops itself, and whether the answer so far has it."""
+
+    com_m: float | None = None
+    """half width of the 95 % interval of the centre of mass to reach; null if it does not matter"""
+    inertia: float | None = None
+    """relative half width of the 95 % intervals of the diagonal moments to reach; null likewise"""
+    met: bool
+    """true if the half widths are reached and all checks pass"""
+    reachable: bool | None = None
+    """false if no number of strikes is expected to reach it; null if that is not known"""
+    reason: str = ""
+    """reason why it is out of reach, with a remedy"""
+
+
+class NextStrike(Document):
+    """Planned strike that is expected to tell most, with the reason for the choice."""
+
+    strike_id: str
+    """id of the strike in the plan"""
+    reason: str
+
+
+class StrikeForecastRange(Document):
+    """Expected number of further strikes until the target is met."""
+
+    least: int
+    most: int
+
+
+class SessionEstimate(Document):
+    """Answer so far of a session, and the next strike: the answer of `analyze advise` to an AdviceRequest.
+
+    All is in the object frame O. What the strikes do not determine yet is null.
+    """
+
+    kind: Literal["estimate"] = "estimate"
+    number: int
+    """number of the request"""
+    strike_id: str = ""
+    """id of the newest attempt that is included"""
+    strikes: int = 0
+    """number of strikes used"""
+    com_m: list[float] | None = None
+    """(3,) centre of mass"""
+    com_covariance_m2: list[list[float]] | None = None
+    """(3, 3) covariance of the centre of mass"""
+    com_open: list[list[float]] = Field(default_factory=list[list[float]])
+    """unit directions (3,) along which the centre of mass is not determined"""
+    com_half_width_m: float | None = None
+    """half width of the 95 % interval of the centre of mass in its least certain direction"""
+    inertia_kg_m2: list[float] | None = None
+    """(6,) Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass"""
+    inertia_sd_kg_m2: list[float] | None = None
+    """(6,) 1 sigma of these"""
+    inertia_half_width: float | None = None
+    """largest relative half width of the 95 % intervals of Ixx, Iyy and Izz"""
+    checks: list[SessionCheck] = Field(default_factory=list[SessionCheck])
+    target: SessionTarget
+    forecast: StrikeForecastRange | None = None
+    """null if the strikes that are left are not expected to reach the target"""
+    next: NextStrike | None = None
+    """null if the session is to end"""
+    bounds_m: list[list[float]] = Field(default_factory=list[list[float]])
+    """(2, 3) lower and upper corner of the object's bounding box"""
+    hull: list[list[list[float]]] = Field(default_factory=list[list[list[float]]])
+    """outlines of the object's hull seen along x, y and z: points (n, 2) [m] in (y, z), (x, z) and (x, y)"""

@@ -22,6 +22,7 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from acquire.capture.link import CaptureProcess
 from acquire.clock.clock import SystemClock
 from acquire.config import RigLimits
+from acquire.daemon.adviser import Adviser
 from acquire.daemon.live_recording import LiveRecording
 from acquire.daemon.prompts import Prompts
 from acquire.daemon.server import ApiServer, Connection
@@ -34,7 +35,7 @@ from acquire.striker.manual import ManualStriker
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
 from schemas.rig import RigConfig
-from schemas.watch_lines import JudgeRequest, WatchEvent
+from schemas.watch_lines import AdviceRequest, JudgeRequest, WatchEvent
 
 TICK_S = 0.1
 """interval between checks of signals, the parent and the child processes [s]"""
@@ -64,6 +65,7 @@ class Daemon:
         )
         self._control = StrikerControl(self._make_striker(), self._recording.require_space)
         self._prompts = Prompts(self._publish)
+        self._adviser = Adviser(lambda estimate: self._publish("estimate", estimate.model_dump(mode="json")))
         self._server: ApiServer | None = None
         self._stopped_for: Connection | None = None
         self._reviver: threading.Thread | None = None
@@ -96,6 +98,7 @@ class Daemon:
             )
             cleanup.callback(self._server.close)
             cleanup.callback(self._prompts.close)
+            cleanup.callback(self._adviser.close)
             cleanup.callback(self._capture.stop)
             self._camera = self._capture.start()
             cleanup.callback(self._join_reviver)
@@ -141,6 +144,7 @@ class Daemon:
             "striker.strike": lambda _, params: self._control.strike(params),
             "watch.expect": self._expect,
             "watch.judge": self._judge,
+            "watch.advise": self._advise,
             "prompt": self._prompts.ask,
         }
         return {name: self._for_owner(handler) for name, handler in owned.items()} | {
@@ -181,6 +185,7 @@ class Daemon:
 
     def _open_recording(self, connection: Connection, params: dict[str, Any]) -> dict[str, Any]:
         stops = self._control.stops
+        self._adviser.close()
         manifest = self._recording.open(connection, params, self._camera)
         self._control.clear_stops(stops)  # a person starts again
         connection.on_close.append(lambda: self._owner_left(connection))
@@ -247,8 +252,10 @@ class Daemon:
     def _latest(self, *_: object) -> dict[str, Any]:
         watcher = self._recording.watcher
         event = watcher.latest if watcher is not None else None
+        estimate = self._adviser.latest
         return {
             "event": event.model_dump(mode="json") if event else None,
+            "estimate": estimate.model_dump(mode="json") if estimate else None,
             "alive": watcher is not None and watcher.alive,
         }
 
@@ -263,6 +270,12 @@ class Daemon:
             watcher.judge(JudgeRequest(kind="judge", **params), timeout) if watcher is not None else None
         )
         return {"verdict": verdict.model_dump(mode="json") if verdict else None}
+
+    def _advise(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
+        timeout = float(params.pop("timeout_s", 10.0))
+        file, part = self._recording.series()
+        estimate = self._adviser.ask(file, part, AdviceRequest(**params), timeout)
+        return {"estimate": estimate.model_dump(mode="json") if estimate else None}
 
     # --- clients and child processes that ended ---
 

@@ -30,6 +30,7 @@ from acquire.daemon.watch_supervisor import WatchSupervisor
 from acquire.daemon.watcher import Watcher
 from acquire.errors import AcquireError, CaptureGone, DaemonBusy, RecorderError, RecordingBroken, SessionError
 from acquire.recorder.file_series import newest_part, part_path
+from acquire.recorder.writer import PART_SUFFIX
 from schemas import topics
 from schemas.calibration_message import calibration_message
 from schemas.rig import RigConfig
@@ -411,6 +412,15 @@ class LiveRecording:
         """Child process `analyze watch` of the open recording; None if there is no recording or child."""
         opened = self._open
         return opened.watch.watcher if opened is not None else None
+
+    def series(self) -> tuple[Path, int]:
+        """First file of the open recording, as it is written, and the number of the present one.
+
+        Raises:
+            SessionError: no recording is open.
+        """
+        opened = self._uninterrupted()
+        return Path(f"{part_path(opened.path, 1)}{PART_SUFFIX}"), opened.part
 
     def expect(self, plan_strike_id: str) -> None:
         """Make `analyze watch` compare the object's placement with a strike of the plan from now on.

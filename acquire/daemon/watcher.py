@@ -5,16 +5,13 @@ If the child ends, the recording continues.
 
 from __future__ import annotations
 
-import contextlib
-import json
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-from schemas.document import canonical_json
+from acquire.daemon.line_process import LineProcess
 from schemas.watch_lines import JudgeRequest, StrikeVerdict, WatchEvent
 
 
@@ -32,20 +29,12 @@ class Watcher:
         self._latest: WatchEvent | None = None
         self._verdicts: dict[str, StrikeVerdict] = {}
         self._changed = threading.Condition()
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "analyze", "watch", str(recording)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            start_new_session=True,  # only the daemon handles a terminal's Ctrl-C
-        )
-        self._reader = threading.Thread(target=self._read, name="watcher")
-        self._reader.start()
+        self._process = LineProcess(["analyze", "watch", str(recording)], self._take, self._note_end)
 
     @property
     def alive(self) -> bool:
         """True while the child runs."""
-        return self._process.poll() is None
+        return self._process.alive
 
     @property
     def latest(self) -> WatchEvent | None:
@@ -62,7 +51,7 @@ class Watcher:
         Args:
             plan_strike_id: id of the strike in the plan.
         """
-        self._send(JudgeRequest(kind="expect", plan_strike_id=plan_strike_id))
+        self._process.send(JudgeRequest(kind="expect", plan_strike_id=plan_strike_id))
 
     def judge(self, request: JudgeRequest, timeout_s: float) -> StrikeVerdict | None:
         """Make the child judge a strike from its images, and wait for the verdict.
@@ -74,7 +63,7 @@ class Watcher:
         Returns:
             The verdict; None if the child process ended or does not answer in time.
         """
-        self._send(request)
+        self._process.send(request)
         end = time.monotonic() + timeout_s
         with self._changed:
             while request.strike_id not in self._verdicts:
@@ -86,39 +75,23 @@ class Watcher:
 
     def close(self) -> None:
         """Terminate the child process, which has nothing to save, and end the thread that reads from it."""
-        self._process.terminate()
-        with contextlib.suppress(OSError):
-            if self._process.stdin is not None:
-                self._process.stdin.close()
-        try:
-            self._process.wait(3.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        self._reader.join()
-        if self._process.stdout is not None:
-            self._process.stdout.close()
+        self._process.close()
 
-    def _send(self, request: JudgeRequest) -> None:
-        with contextlib.suppress(OSError, ValueError):
-            if self._process.stdin is not None:
-                self._process.stdin.write(canonical_json(request) + "\n")
-                self._process.stdin.flush()
+    def _take(self, data: dict[str, Any]) -> None:
+        """Take a line of the child: a verdict, or an observation of an image.
 
-    def _read(self) -> None:
-        assert self._process.stdout is not None  # noqa: S101 - opened with PIPE
-        for line in self._process.stdout:
-            try:
-                data = json.loads(line)
-                if isinstance(data, dict) and data.get("kind") == "verdict":
-                    verdict = StrikeVerdict.model_validate(data)
-                    with self._changed:
-                        self._verdicts[verdict.strike_id] = verdict
-                        self._changed.notify_all()
-                else:
-                    self._latest = WatchEvent.model_validate(data)
-                    self._on_event(self._latest)
-            except (ValueError, RecursionError):
-                continue  # not a line of the protocol
+        Raises:
+            ValueError: it is neither.
+        """
+        if data.get("kind") == "verdict":
+            verdict = StrikeVerdict.model_validate(data)
+            with self._changed:
+                self._verdicts[verdict.strike_id] = verdict
+                self._changed.notify_all()
+        else:
+            self._latest = WatchEvent.model_validate(data)
+            self._on_event(self._latest)
+
+    def _note_end(self) -> None:
         with self._changed:
             self._changed.notify_all()

@@ -10,7 +10,7 @@ from acquire.session.events import (
 )
 from schemas.proto import percuss_pb2 as pb
 from schemas.strike_plan import PlannedStrike
-from schemas.watch_lines import StrikeVerdict
+from schemas.watch_lines import AdviceRequest, StrikeVerdict
 
 
 @dataclass(frozen=True)
@@ -94,6 +94,15 @@ class WriteRecord:
     recorded: Recorded
     verdict: StrikeVerdict | None
     """None if `analyze watch` did not answer in time"""
+    choice_text: str = ""
+    """reason why this strike was chosen; "" if the plan's order did"""
+
+
+@dataclass(frozen=True)
+class Advise:
+    """Action: ask `analyze advise` for the answer so far, and for the strike that tells most."""
+
+    request: AdviceRequest
 
 
 @dataclass(frozen=True)
@@ -103,9 +112,22 @@ class CloseRecording:
     aborted: bool = False
     """True if the session ends before its last planned strike"""
     text: str = ""
-    """reason if the session was aborted"""
+    """reason if the session was aborted, or stopped itself"""
+    missed: bool = False
+    """True if the session ends without its target"""
 
 
-Step = Announce | AskToPlace | CheckPose | Arm | ClearFault | Strike | RecordUntilRest | Judge | WriteRecord
+Step = (
+    Announce
+    | AskToPlace
+    | CheckPose
+    | Arm
+    | ClearFault
+    | Strike
+    | RecordUntilRest
+    | Judge
+    | WriteRecord
+    | Advise
+)
 """an action after which the session continues"""
 Action = Step | CloseRecording

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from schemas.watch_lines import StrikeVerdict
+from schemas.watch_lines import SessionEstimate, StrikeVerdict
 
 
 class Event:
@@ -73,6 +73,14 @@ class Judged(Event):
     """Event: `analyze watch` has judged the strike from its images, or did not answer in time."""
 
     verdict: StrikeVerdict | None
+    """None if there was no answer in time"""
+
+
+@dataclass(frozen=True)
+class Advised(Event):
+    """Event: `analyze advise` has stated the answer so far, or did not answer in time."""
+
+    estimate: SessionEstimate | None
     """None if there was no answer in time"""
 
 

@@ -2,6 +2,9 @@
 
     place → check pose → arm → strike → record until at rest → judge → next
 
+A session by its plan makes the planned strikes in their order. One that stops itself (adaptive.py) asks for
+advice after every strike.
+
 A strike without a good verdict is repeated with a tip speed estimated from all strikes so far, until it was
 attempted MAX_ATTEMPTS times; every attempt is kept. A verdict is the answer of `analyze watch`, which judges
 a strike from its images; a strike without any verdict is not repeated.
@@ -9,11 +12,14 @@ a strike from its images; a strike without any verdict is not repeated.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
+from acquire.errors import SessionError
 from acquire.session.actions import (
     Action,
+    Advise,
     Announce,
     Arm,
     AskToPlace,
@@ -25,8 +31,11 @@ from acquire.session.actions import (
     Strike,
     WriteRecord,
 )
+from acquire.session.adaptive import AdaptiveOrder, Target
+from acquire.session.earlier import EarlierStrikes, learn_earlier
 from acquire.session.energy import EnergyLearner
 from acquire.session.events import (
+    Advised,
     Event,
     FileCutShort,
     Judged,
@@ -64,21 +73,38 @@ class SessionMachine:
 
     Args:
         plan: strikes to carry out.
+        target: precision at which the session stops itself; None to make every planned strike.
+        earlier: strikes made before, in earlier recordings of the plan.
+
+    Raises:
+        SessionError: without a target, if earlier recordings hold a good strike of every planned one.
     """
 
-    def __init__(self, plan: StrikePlan) -> None:
+    def __init__(
+        self, plan: StrikePlan, target: Target | None = None, earlier: EarlierStrikes | None = None
+    ) -> None:
+        earlier = earlier or EarlierStrikes()
         self.plan = plan
         self.state = State.IDLE
-        self._index = 0
-        self._attempt = 1
+        self.order = None if target is None else AdaptiveOrder(plan, target)
+        self._done = earlier.good
+        if target is None and all(each.id in self._done for each in plan.strikes):
+            raise SessionError(
+                f"{', '.join(earlier.paths)}: every planned strike was made: estimate it, or give --until to "
+                "go on"
+            )
+        self._index = self._first_open(0) if target is None else 0
+        self._attempts = Counter(earlier.attempts)
         self._placements = 0
         self._skipped: list[str] = []
         self._faults = 0
         self.learner = EnergyLearner(plan)
+        learn_earlier(self.learner, plan, earlier)
         self._command = 0.0
         self._struck: Struck | None = None
         self._recorded: Recorded | None = None
-        self._last_judged = (0, 1)
+        self._attempt = 1 + self._attempts[self.strike.id]
+        self._last_judged = (self._index, self._attempt)
         """index and attempt of the strike judged last"""
 
     @property
@@ -93,7 +119,12 @@ class SessionMachine:
 
     @property
     def progress(self) -> tuple[int, int]:
-        """Number of planned strikes done or skipped, and number of all planned strikes."""
+        """Number of planned strikes done or skipped, and number of all planned strikes.
+
+        In a session that stops itself: number of strikes made, and largest number.
+        """
+        if self.order is not None:
+            return self.order.made, self.order.target.max_strikes
         return self._index + (self.state is State.FINISHED), len(self.plan.strikes)
 
     @property
@@ -122,12 +153,26 @@ class SessionMachine:
         return [self._announce(event.text), CloseRecording(aborted=True, text=event.text)]
 
     def on_started(self, _event: Started) -> list[Action]:
-        """Begin with the first planned strike: ask the operator to place the object.
+        """Begin with the first planned strike, or ask for advice on the first one.
 
         Returns:
             Actions to execute, in order.
         """
-        return self._place()
+        return self._place() if self.order is None else [Advise(self.order.request())]
+
+    def on_advised(self, event: Advised) -> list[Action]:
+        """React to the answer so far: place the object for the strike that tells most, or end the session.
+
+        Returns:
+            Actions to execute, in order.
+        """
+        assert self.order is not None  # noqa: S101 - only then advice is asked for
+        strike = self.order.next_strike(event.estimate)
+        if strike is None:
+            return self._finish(self.order.ending, missed=self.order.missed)
+        self._index = next(i for i, each in enumerate(self.plan.strikes) if each.id == strike.id)
+        self._attempt, self._placements = 1 + self._attempts[strike.id], 0
+        return self._place(f"chosen: {self.order.reason}")
 
     def on_placed(self, _event: Placed) -> list[Action]:
         """React to the placed object: check its pose.
@@ -152,6 +197,8 @@ class SessionMachine:
         self._placements += 1
         if self._placements >= MAX_PLACEMENTS:
             self._skipped.append(self.strike.id)
+            if self.order is not None:
+                self.order.exclude(self.strike)
             return self._next()
         return self._place(event.text)
 
@@ -235,10 +282,10 @@ class SessionMachine:
     def on_judged(self, event: Judged) -> list[Action]:
         """React to the verdict: write the strike's record, learn from it, and repeat it or go on to the next.
 
-        A strike is repeated if its verdict is not good or its energy ratio (kinetic energy after the strike
-        over that needed to reach balance) is known and outside ENERGY_ACCEPTED, until it was attempted
-        MAX_ATTEMPTS times. Without a verdict it is not repeated. A swing that met nothing is
-        not learned from.
+        A session that stops itself asks for advice. Otherwise a strike is repeated if its verdict is not good
+        or its energy ratio (kinetic energy after the strike over that needed to reach balance) is known and
+        outside ENERGY_ACCEPTED, until it was attempted MAX_ATTEMPTS times. Without a verdict it is not
+        repeated. A swing that met nothing is not learned from.
 
         Returns:
             Actions to execute, in order.
@@ -247,9 +294,11 @@ class SessionMachine:
         assert struck is not None  # noqa: S101 - set on the way into JUDGING
         assert recorded is not None  # noqa: S101 - set on the way into JUDGING
         self._last_judged = (self._index, self._attempt)
+        reason = "" if self.order is None else self.order.reason
         record = WriteRecord(
-            self.strike, self.strike_id, self._attempt, self._command, struck, recorded, verdict
+            self.strike, self.strike_id, self._attempt, self._command, struck, recorded, verdict, reason
         )
+        self._attempts[self.strike.id] = self._attempt
         good = False
         if verdict is not None:
             energy = verdict.energy_ratio
@@ -258,6 +307,9 @@ class SessionMachine:
         missed = struck.tip_speed_m_s <= 0 and (verdict is None or verdict.code is Verdict.NOT_MOVED)
         if not missed:
             self.learner.learn(self.strike, self._command, struck.tip_speed_m_s or None, verdict)
+        if self.order is not None:
+            self.order.note_strike(self.strike, self.strike_id, verdict)
+            return [record, Advise(self.order.request())]
         if good or verdict is None or self._attempt >= MAX_ATTEMPTS:
             return [record, *self._next()]
         self._attempt += 1
@@ -265,12 +317,23 @@ class SessionMachine:
         return [record, *self._place(f"again: {verdict.reason}")]
 
     def _next(self) -> list[Action]:
-        self._attempt, self._placements = 1, 0
-        if self._index + 1 < len(self.plan.strikes):
-            self._index += 1
+        """Actions that follow when the session is done with a planned strike."""
+        if self.order is not None:
+            return [Advise(self.order.request())]
+        if (index := self._first_open(self._index + 1)) < len(self.plan.strikes):
+            self._index = index
+            self._attempt, self._placements = 1 + self._attempts[self.strike.id], 0
             return self._place()
+        return self._finish()
+
+    def _first_open(self, start: int) -> int:
+        """Index, from `start` on, of the first planned strike that has no good one before the session."""
+        strikes = self.plan.strikes
+        return next((i for i in range(start, len(strikes)) if strikes[i].id not in self._done), len(strikes))
+
+    def _finish(self, text: str = "", *, missed: bool = False) -> list[Action]:
         self.state = State.FINISHED
-        return [self._announce(), CloseRecording()]
+        return [self._announce(text), CloseRecording(text=text, missed=missed)]
 
 
 _REACTIONS: dict[type, tuple[frozenset[State], Callable[[SessionMachine, Any], list[Action]]]] = {
@@ -289,5 +352,6 @@ _REACTIONS: dict[type, tuple[frozenset[State], Callable[[SessionMachine, Any], l
     Struck: (frozenset({State.STRIKING}), SessionMachine.on_struck),
     Recorded: (frozenset({State.RECORDING}), SessionMachine.on_recorded),
     Judged: (frozenset({State.JUDGING}), SessionMachine.on_judged),
+    Advised: (frozenset({State.IDLE, State.JUDGING, State.CHECKING_POSE}), SessionMachine.on_advised),
 }
 """states in which each event may come (none named: any state), and the reaction to it"""

@@ -7,7 +7,6 @@ import contextlib
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from acquire.config import RigLimits
 from acquire.daemon.client import DaemonClient
@@ -21,13 +20,16 @@ from acquire.errors import (
     StrikerStopped,
 )
 from acquire.session import actions, events, waits
+from acquire.session.adaptive import Target
+from acquire.session.earlier import EarlierStrikes
 from acquire.session.machine import SessionMachine, State
 from acquire.session.plan_fit import camera_pose_problem, striker_limit_problem
 from acquire.session.session_input import SessionInput
 from acquire.session.session_report import SessionReport
+from acquire.session.strike_message import strike_record
 from acquire.striker.base import StrikerState
 from schemas.strike_plan import PlannedStrike
-from schemas.watch_lines import StrikeVerdict, WatchEvent
+from schemas.watch_lines import AdviceRequest, SessionEstimate, StrikeVerdict, WatchEvent
 from schemas.wording import counted
 
 POSE_TOLERANCE_RAD = 0.14
@@ -48,6 +50,11 @@ class SessionRunner:
         progress: called with a text, the number of planned strikes done, and the number of all planned
             strikes.
         servo_timeout_s: longest wait for a servo that does not answer [s].
+        target: precision at which the session stops itself; None to make every planned strike.
+        earlier: strikes of earlier recordings with which the session goes on.
+
+    Raises:
+        SessionError: without a target, if every planned strike was made before.
     """
 
     def __init__(
@@ -57,13 +64,15 @@ class SessionRunner:
         output: Path,
         progress: Progress = lambda *_: None,
         servo_timeout_s: float = waits.SERVO_TIMEOUT_S,
+        target: Target | None = None,
+        earlier: EarlierStrikes | None = None,
     ) -> None:
         self._client = client
         self._servo_timeout_s = servo_timeout_s
         self._input = given
         self._output = output
         self._progress = progress
-        self._machine = SessionMachine(given.plan)
+        self._machine = SessionMachine(given.plan, target, earlier)
         self._anchor_ns = 0
         self._ordered = 0
         """number of strikes commanded to the striker"""
@@ -156,6 +165,7 @@ class SessionRunner:
             aborted=action.aborted,
             text=action.text,
             skipped=self._machine.skipped,
+            missed=action.missed,
         )
 
     def _execute(self, action: actions.Step) -> events.Event | None:
@@ -186,8 +196,8 @@ class SessionRunner:
                 event = self._strike(action)
             case actions.RecordUntilRest():
                 event = self._record_until_rest()
-            case actions.Judge():
-                event = self._judge(action)
+            case actions.Judge() | actions.Advise():
+                event = self._ask_analysis(action)
             case actions.WriteRecord():
                 self._write_record(action)
         return event
@@ -340,6 +350,9 @@ class SessionRunner:
             int(report["start_ns"]), int(report["end_ns"]), int(report["frames"]), int(report["lost"])
         )
 
+    def _ask_analysis(self, action: actions.Judge | actions.Advise) -> events.Event:
+        return self._judge(action) if isinstance(action, actions.Judge) else self._advise(action.request)
+
     def _judge(self, action: actions.Judge) -> events.Event:
         contact = action.struck.contact_time_ns
         answer = self._client.call(
@@ -353,41 +366,20 @@ class SessionRunner:
         )
         return events.Judged(StrikeVerdict.model_validate(answer["verdict"]) if answer["verdict"] else None)
 
-    def _contact(self, action: actions.WriteRecord) -> tuple[int, float]:
-        """Log time of the contact of arm and object, and its standard deviation [ns]; both 0 if unknown.
-
-        The striker's measurement is taken or, if there is none, the estimate from the images in the verdict.
-        """
-        measured_ns, verdict = action.struck.contact_time_ns, action.verdict
-        if measured_ns:
-            return measured_ns + self._anchor_ns, action.struck.contact_time_sd_ns
-        if verdict is not None and verdict.contact_time_ns is not None:
-            return verdict.contact_time_ns, verdict.contact_time_sd_ns or 0.0
-        return 0, 0.0
+    def _advise(self, request: AdviceRequest) -> events.Event:
+        answer = self._client.call("watch.advise", **request.model_dump(), timeout_s=waits.ADVICE_TIMEOUT_S)
+        estimate = SessionEstimate.model_validate(answer["estimate"]) if answer["estimate"] else None
+        if estimate is not None and estimate.com_half_width_m is not None:
+            failed = [check.name for check in estimate.checks if not check.passed]
+            doubts = f", not yet: {', '.join(failed)}" if failed else ""
+            self._report(
+                f"so far: centre of mass to {1e3 * estimate.com_half_width_m:.2f} mm from "
+                f"{counted(estimate.strikes, 'strike')}{doubts}"
+            )
+        return events.Advised(estimate)
 
     def _write_record(self, action: actions.WriteRecord) -> None:
-        verdict = action.verdict
-        contact_ns, contact_sd_ns = self._contact(action)
-        record: dict[str, Any] = {
-            "strike_id": action.strike_id,
-            "plan_strike_id": action.strike.id,
-            "attempt": action.attempt,
-            "window_start_ns": action.recorded.window_start_ns,
-            "window_end_ns": action.recorded.window_end_ns,
-            "contact_time_ns": contact_ns,
-            "contact_time_sd_ns": contact_sd_ns,
-            "tip_speed_command_m_s": action.tip_speed_command_m_s,
-            "tip_speed_m_s": action.struck.tip_speed_m_s,
-            "R_world_object": [value for row in action.strike.R_world_object for value in row],
-            "p_world_object": action.strike.p_world_object,
-            "impact_height_m": action.strike.aim.impact_height_m,
-        }
-        if verdict is not None:
-            record |= {
-                "verdict_code": verdict.code.value,
-                "verdict_text": verdict.reason,
-                "energy_ratio": verdict.energy_ratio or 0.0,
-            }
+        verdict, record = action.verdict, strike_record(action, self._anchor_ns)
         self._client.call("recording.strike", **record)
         self._kept += 1
         code = verdict.code.value.replace("_", " ") if verdict else "no verdict"

@@ -25,15 +25,19 @@ class SessionReport:
     aborted: bool
     """True if the session ended before its last planned strike"""
     text: str
-    """reason if the session was aborted"""
+    """reason if the session was aborted, or stopped itself"""
     skipped: tuple[str, ...] = ()
     """ids of planned strikes that were given up, because the object was never found as it should stand"""
+    missed: bool = False
+    """True if the session ended without the precision that it was to reach"""
 
     @property
     def complaint(self) -> str:
         """Line that states why the session did not do all planned strikes; empty if it did."""
         if self.aborted:
             return f"the session ended early: {self.text}"
+        if self.missed:
+            return f"the target was not reached: {self.text}"
         if self.strikes == 0:
             return (
                 "no strike was made: every placement was refused: "

@@ -15,6 +15,9 @@ SERVO_TIMEOUT_S = 120.0
 """time for a person to mend the servo's cable or supply during a session [s]"""
 JUDGE_TIMEOUT_S = 10.0
 """longest wait for the verdict of `analyze watch` on a strike [s]"""
+ADVICE_TIMEOUT_S = 20.0
+"""longest wait for the answer so far of `analyze advise` [s]: the first one includes its start, one after a
+crash all strikes so far"""
 CLOSE_TIMEOUT_S = 90.0
 """longest time for a recording to be finished [s]: that of the capture process"""
 SERVO_RETRY_S = 0.5

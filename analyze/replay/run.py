@@ -14,10 +14,10 @@ import rerun as rr
 
 from analyze.errors import RecordingError
 from analyze.reading.followed_recording import PART_SUFFIX
+from analyze.reading.live_recording import LiveRecording
 from analyze.reading.recording import Recording
 from analyze.reading.recording_file import STILL_S, RecordingFile, is_fresh
 from analyze.replay.layout import ANSWER, SESSION_PAGE
-from analyze.replay.live import LiveRecording
 from analyze.replay.pictures import limit_frame_rate, send_pictures
 from analyze.replay.sender import ReplayOptions, Sender
 from analyze.replay.session_scene import LOGGED_TOPICS, send_event, send_health

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from acquire.clock.clock import SystemClock
+from acquire.daemon.adviser import Adviser
 from acquire.daemon.daemon import Daemon
 from acquire.daemon.prompts import Prompts
 from acquire.daemon.striker_control import StrikerControl
@@ -176,6 +177,7 @@ def test_a_stop_since_a_session_was_opened_holds(rig: Daemon, monkeypatch: pytes
     connection = SimpleNamespace(on_close=[])
     rig._camera = None  # type: ignore[assignment]
     manifest = SimpleNamespace(recording_id="r", wall_anchor_ns=0)
+    rig._adviser = Adviser(lambda _: None)
     rig._stop_striker()
     monkeypatch.setattr(rig._recording, "open", lambda *_: manifest, raising=False)
     rig._open_recording(connection, {})

@@ -176,7 +176,7 @@ def test_an_edge_that_a_scan_misplaces_is_no_other_edge():
 
 
 def test_a_rolling_contact_is_compared_where_it_rolls():
-    """Two strikes of a toy that rolled on its axles, 4.5 mm from where its shape has them, counted as good."""
+    """Two strikes of a toy that rolled on axles 4.5 mm from where its shape has them counted as good."""
     phi = math.radians(20)
     rolling = RollingContact(3e-3, 1e-3, 5e-3, 2e-4, 1.2)
     fit = SimpleNamespace(phi=phi, rolling=rolling)

@@ -16,7 +16,7 @@ from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import SessionManifest
 from schemas.strike_plan import StrikePlan
 
-_IMAGE_RETENTION_NS = 120_000_000_000
+IMAGE_RETENTION_NS = 120_000_000_000
 """Time [ns] for which images are kept for a strike whose record has not arrived yet."""
 
 
@@ -28,9 +28,11 @@ class LiveRecording:
 
     Args:
         path: the file that is being written.
+        retention_ns: time [ns] for which images are kept before the newest one; None for all of them.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, retention_ns: int | None = IMAGE_RETENTION_NS) -> None:
+        self._retention_ns = retention_ns
         self._series = FollowedSeries(path)
         self._images: deque[RecordedMessage] = deque()
         self._metas: deque[pb.FrameMeta] = deque()
@@ -99,7 +101,7 @@ class LiveRecording:
     def poll(self) -> tuple[list[RecordedMessage], list[pb.StrikeRecord]]:
         """Read the messages that were written since the last call, without waiting.
 
-        Images and frame metadata of the first camera are kept in this object, images for at most 120 s.
+        Images and frame metadata of the first camera are kept in this object.
 
         Returns:
             Two lists, both empty if nothing was written: the new messages that are neither images or frame
@@ -124,7 +126,9 @@ class LiveRecording:
                 small.append(message)
         self.strikes += strikes
         while (
-            self._images and self._images[-1].log_time_ns - self._images[0].log_time_ns > _IMAGE_RETENTION_NS
+            self._retention_ns is not None
+            and self._images
+            and self._images[-1].log_time_ns - self._images[0].log_time_ns > self._retention_ns
         ):
             self._images.popleft()
         return small, strikes

@@ -1,0 +1,53 @@
+"""Message on one strike that a session writes into the recording."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from acquire.session.actions import WriteRecord
+
+
+def strike_record(action: WriteRecord, anchor_ns: int) -> dict[str, Any]:
+    """Fields of the StrikeRecord message on a strike.
+
+    Args:
+        action: the strike as it was commanded, made and judged.
+        anchor_ns: log time minus host monotonic time [ns].
+    """
+    verdict, strike = action.verdict, action.strike
+    contact_ns, contact_sd_ns = _contact(action, anchor_ns)
+    record: dict[str, Any] = {
+        "strike_id": action.strike_id,
+        "plan_strike_id": strike.id,
+        "attempt": action.attempt,
+        "window_start_ns": action.recorded.window_start_ns,
+        "window_end_ns": action.recorded.window_end_ns,
+        "contact_time_ns": contact_ns,
+        "contact_time_sd_ns": contact_sd_ns,
+        "tip_speed_command_m_s": action.tip_speed_command_m_s,
+        "tip_speed_m_s": action.struck.tip_speed_m_s,
+        "R_world_object": [value for row in strike.R_world_object for value in row],
+        "p_world_object": strike.p_world_object,
+        "impact_height_m": strike.aim.impact_height_m,
+        "choice_text": action.choice_text,
+    }
+    if verdict is not None:
+        record |= {
+            "verdict_code": verdict.code.value,
+            "verdict_text": verdict.reason,
+            "energy_ratio": verdict.energy_ratio or 0.0,
+        }
+    return record
+
+
+def _contact(action: WriteRecord, anchor_ns: int) -> tuple[int, float]:
+    """Log time of the contact of arm and object, and its standard deviation [ns]; both 0 if unknown.
+
+    The striker's measurement is taken or, if there is none, the estimate from the images in the verdict.
+    """
+    measured_ns, verdict = action.struck.contact_time_ns, action.verdict
+    if measured_ns:
+        return measured_ns + anchor_ns, action.struck.contact_time_sd_ns
+    if verdict is not None and verdict.contact_time_ns is not None:
+        return verdict.contact_time_ns, verdict.contact_time_sd_ns or 0.0
+    return 0, 0.0
