@@ -96,7 +96,7 @@ class StrikeResult(RenamedDocument, SparseDocument):
     fitted.
     """
 
-    left_out: ClassVar[tuple[str, ...]] = ("heading_rad", "prediction", "edge_name")
+    left_out: ClassVar[tuple[str, ...]] = ("heading_rad", "prediction", "edge_name", "choice")
 
     id: str = Field(description="id of the strike in the recording: plan strike and attempt, as `s3.1`")
     plan_strike_id: str = Field(description="id of the planned strike")
@@ -104,6 +104,10 @@ class StrikeResult(RenamedDocument, SparseDocument):
     edge_name: str | None = Field(
         default=None,
         description="the edge in words, as `bottom edge, +x side`; not written in older results",
+    )
+    choice: str | None = Field(
+        default=None,
+        description="reason for choosing this strike in a session that stops itself; not written otherwise",
     )
     plane_id: str = Field(description="name of the face on which the object rested")
     heading_rad: float = Field(

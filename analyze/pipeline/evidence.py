@@ -181,6 +181,8 @@ class Evidence:
     """index into `recordings` by strike id; empty for one recording"""
     bodies: tuple[Body, ...] = ()
     """closed bodies of the shape's mesh, largest first; empty unless the object's labels name bodies"""
+    choices: Mapping[str, str] = field(default_factory=dict[str, str])
+    """reasons for choosing a strike by strike id, where a session that stops itself chose it"""
 
     @property
     def manifest(self) -> SessionManifest:

@@ -178,6 +178,7 @@ def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
         tracking=merged([each.tracking for each in ordered]),
         frames_lost=merged([each.frames_lost for each in ordered]),
         impacts=merged([each.impacts for each in ordered]),
+        choices=merged([each.choices for each in ordered]),
         recorded_in=recorded_in,
     )
 

@@ -23,6 +23,7 @@ from analyze.pipeline.what_ifs import estimate_alternatives
 from analyze.planning.forecast import REMEDIES
 from analyze.types import Array
 from schemas.strike_plan import PlannedStrike
+from schemas.wording import counted
 
 MIN_CHECKED = 3
 """least number of strikes that the others must predict before a session may stop"""
@@ -136,7 +137,7 @@ def stopping_checks(solved: SolvedStrikes) -> list[Check]:
             len(checked) >= MIN_CHECKED and not off,
             f"{', '.join(off)} not as the others predict"
             if off
-            else f"{len(checked)} of {len(checks.left_out)} strikes predicted by the others; "
+            else f"{len(checked)} of {counted(len(checks.left_out), 'strike')} predicted by the others; "
             f"{MIN_CHECKED} are needed",
         ),
         Check(

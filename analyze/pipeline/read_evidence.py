@@ -243,6 +243,7 @@ def evidence_from_readings(
         },
         software_version(),
         bodies=struck.bodies,
+        choices={record.strike_id: record.choice_text for record in records if record.choice_text},
     )
 
 

@@ -51,7 +51,9 @@ def send_strike(
         colour: colour of the strike's curve on the page that shows all strikes.
     """
     root, contact = strike_path(record.strike_id), timelines.contact_of(record)
-    timelines.log_static(f"{root}/text", rr.TextDocument(strike_text(motion), media_type="text/markdown"))
+    timelines.log_static(
+        f"{root}/text", rr.TextDocument(strike_text(motion, record.choice_text), media_type="text/markdown")
+    )
     _tags(timelines, f"{root}/camera", contact, tracks)
     if motion.angle is None or len(motion.angle.time_ns) < 2:
         return

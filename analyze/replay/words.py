@@ -97,11 +97,11 @@ def no_answer_text(name: str, problems: Sequence[str]) -> str:
     return "\n".join([f"# {as_written(name)}", "", "**No answer.**", "", *listed])
 
 
-def strike_text(motion: TipMotion) -> str:
+def strike_text(motion: TipMotion, choice: str = "") -> str:
     """Text of a strike's page: verdict, fits with 95 % intervals, residual and energy ratio.
 
     Fits that do not exist are left out; residual and energy ratio (kinetic energy over the energy needed to
-    tip), too, without a fit or a ratio.
+    tip), too, without a fit or a ratio. `choice` is the reason for choosing the strike; "" if the plan did.
     """
     verdict = motion.verdict.value.replace("_", " ")
     lines = [f"**{as_written(motion.strike_id)}: {verdict}.** {message(motion.reason)}", ""]
@@ -122,6 +122,8 @@ def strike_text(motion: TipMotion) -> str:
             f"- residual {rms:.3f}° rms; energy ratio E = {motion.energy_ratio:.2f} (energy given, over the "
             "energy needed to tip)"
         )
+    if choice:
+        lines.append(f"- chosen: {message(choice)}")
     return "\n".join(lines)
 
 

@@ -111,6 +111,7 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
             reasons=[
                 strike for strike in result.strikes if strike.reason and strike.verdict is not Verdict.GOOD
             ],
+            choices=[strike for strike in result.strikes if strike.choice],
             stills=images,
             created=list(
                 dict.fromkeys(manifest_time(each.manifest.created) for each in estimate.evidence.recordings)

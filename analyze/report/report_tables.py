@@ -154,6 +154,7 @@ def _strikes(answer: Answer) -> CsvTable:
                 "heading_rad": strike.heading_rad,
                 "verdict": strike.verdict.value,
                 "reason": strike.reason,
+                "choice": strike.choice,
                 "used": strike.used,
                 "information_share": strike.information_share,
                 "estimator": strike.estimator,

@@ -104,7 +104,8 @@ def _strike_rows(estimate: Estimate) -> list[StrikeResult]:
             estimate.solved_scale,
             estimate.edge_radii,
         )
-        row = row.model_copy(update={"prediction": predictions.get(row.id), "edge_name": names[row.axis_id]})
+        found = {"prediction": predictions.get(row.id), "edge_name": names[row.axis_id]}
+        row = row.model_copy(update={**found, "choice": evidence.choices.get(row.id)})
         if row.id in estimate.options.exclude:
             row = row.model_copy(
                 update={"verdict": Verdict.EXCLUDED, "reason": f"left out on request ({row.verdict.value})"}
