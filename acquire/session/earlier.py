@@ -74,15 +74,12 @@ def _read_file(path: Path, plan_json: str, plan_path: Path) -> list[pb.StrikeRec
     if not path.exists() and path.with_name(f"{path.name}.part").exists():
         raise SessionError(f"{path}.part: was not finished: run `acquire recover {path}.part` first")
     try:
-        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            view = memoryview(data)
-            try:
-                return _strikes(view, str(path), plan_json, plan_path)
-            finally:
-                view.release()
+        with path.open("rb") as file:
+            data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise SessionError(f"{path}: cannot be read: {reason}: check the path given to --resume") from None
+    return _strikes(data, str(path), plan_json, plan_path)
 
 
 def _strikes(data: memoryview, name: str, plan_json: str, plan_path: Path) -> list[pb.StrikeRecord]:
@@ -142,6 +139,7 @@ def _records(data: memoryview) -> Iterator[tuple[int, memoryview]]:
                 yield inner, record
         else:
             yield opcode, body
+    raise ContainerError("ends early")
 
 
 def learn_earlier(learner: EnergyLearner, plan: StrikePlan, earlier: EarlierStrikes) -> None:

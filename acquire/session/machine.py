@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from acquire.errors import SessionError
@@ -86,7 +87,7 @@ class SessionMachine:
         earlier = earlier or EarlierStrikes()
         self.plan = plan
         self.state = State.IDLE
-        self.order = None if target is None else AdaptiveOrder(plan, target)
+        self.order = None if target is None else AdaptiveOrder(plan, replace(target, earlier=earlier.paths))
         self._done = earlier.good
         if target is None and all(each.id in self._done for each in plan.strikes):
             raise SessionError(

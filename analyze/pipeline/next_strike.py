@@ -291,8 +291,13 @@ def _obstacle(forecast: StrikeForecast, usable: Sequence[int], target: Target) -
 
 
 def _mm(value: float) -> str:
-    return f"{1e3 * value:.2g}" if value < 1.0 else "unknown"
+    return _short(1e3 * value) if value < 1.0 else "unknown"
 
 
 def _percent(value: float) -> str:
-    return f"{100 * value:.2g}" if value < 10.0 else "unknown"
+    return _short(100 * value) if value < 10.0 else "unknown"
+
+
+def _short(value: float) -> str:
+    """Text of a number with two digits, without an exponent."""
+    return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
