@@ -13,7 +13,7 @@ OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(basename $(notdir $(OBJECT)))-$(SEED).mcap
 
-.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-honesty attack bench-world-sessions bench-batch bench-import bench-unplanned bench-world bench-world-strikes protos lock clean
+.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-honesty bench-adaptive attack bench-world-sessions bench-batch bench-import bench-unplanned bench-world bench-world-strikes protos lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -182,6 +182,10 @@ bench-honesty: setup  ## the whole answer as users give it: coverage, the verdic
 WORLD_SESSIONS ?=
 bench-world-sessions: setup  ## whole sessions of objects of the world on mesh-accurate bodies: error of c, intervals that hold (WORLD_SESSIONS="--shapes mug --kinds scan") (ten minutes)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.world_sessions $(WORLD_SESSIONS)
+
+ADAPTIVE ?=
+bench-adaptive: setup  ## sessions that stop themselves beside nine fixed strikes: strikes, placements, intervals that hold (ADAPTIVE="--bodies sharp --images") (fifteen minutes)
+	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.adaptive $(ADAPTIVE)
 
 ATTACK ?=
 attack: setup  ## damaged files through every command, rubbish to a daemon, kills in sessions: tries and failures (ATTACK="--minutes 60") (three minutes)

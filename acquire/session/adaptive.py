@@ -21,6 +21,8 @@ DEFAULT_MAX_STRIKES = 20
 """largest number of strikes of a session that stops itself, if none is given"""
 MAX_FAILURES = 4
 """attempts of one planned strike without a usable verdict after which it is given up"""
+MAX_DOUBTED = 6
+"""answers in a row that are certain enough but fail a check, after which the session ends"""
 USABLE = (Verdict.GOOD, Verdict.ROCKED_BACK)
 """verdicts of strikes that an estimate can use"""
 _SYNTAX = "write it as com=0.5mm, inertia=2%, or both with a comma between them"
@@ -85,6 +87,8 @@ class AdaptiveOrder:
         self._good: set[str] = set()
         self._failures: Counter[str] = Counter()
         self._excluded: set[str] = set()
+        self._doubted = 0
+        """answers in a row that are certain enough but fail a check"""
         self._last = ""
         self._newest = ""
         self._stands = False
@@ -130,8 +134,13 @@ class AdaptiveOrder:
         if estimate is not None and estimate.target.met:
             self.ending = f"{self.target} is reached after {counted(self.made, 'strike')}"
             return None
+        failed = "" if estimate is None else self._failed_checks(estimate)
+        self._doubted = self._doubted + 1 if failed else 0
+        if self._doubted > MAX_DOUBTED:
+            return self._give_up(f"the answer is certain enough, but its checks fail: {failed}")
         if self.made >= self.target.max_strikes:
-            return self._give_up(f"{counted(self.made, 'strike')} were made, as many as --max-strikes allows")
+            most = f"{counted(self.made, 'strike')} were made, as many as --max-strikes allows"
+            return self._give_up(f"{most}; {failed}" if failed else most)
         if estimate is None:
             return self._by_plan()
         chosen = None if estimate.next is None else estimate.next
@@ -140,6 +149,16 @@ class AdaptiveOrder:
             return self._give_up(estimate.target.reason or "no strike is left to choose")
         self.reason = chosen.reason
         return known[chosen.strike_id]
+
+    def _failed_checks(self, estimate: SessionEstimate) -> str:
+        """Failed checks of an answer that is certain enough, in words; "" if it is not, or none failed."""
+        for limit, half_width in (
+            (self.target.com_m, estimate.com_half_width_m),
+            (self.target.inertia, estimate.inertia_half_width),
+        ):
+            if limit is not None and (half_width is None or half_width > limit):
+                return ""
+        return "; ".join(f"{check.name}: {check.text}" for check in estimate.checks if not check.passed)
 
     def _by_plan(self) -> PlannedStrike | None:
         """First strike of the plan without a good verdict, where `analyze advise` does not answer."""

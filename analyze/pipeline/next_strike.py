@@ -37,6 +37,10 @@ MIN_STRIKES, OUT_OF_REACH = 6, 1.25
 a target counts as out of reach: the first strikes predict it only roughly"""
 
 
+OPEN_M = 5e-3
+"""half width [m] of the centre of mass after any number of strikes from which on a direction of it is open"""
+
+
 @dataclass(frozen=True)
 class Target:
     """Precision at which a session stops; None for a quantity that does not matter."""
@@ -274,7 +278,14 @@ def _obstacle(forecast: StrikeForecast, usable: Sequence[int], target: Target) -
     """Reason why no number of strikes over usable edges meets the target, with a remedy; "" if one may."""
     counts = np.zeros(len(forecast.strikes))
     counts[list(usable)] = MANY
-    floor = _reached(forecast.precision(counts))
+    precision = forecast.precision(counts)
+    floor = _reached(precision)
+    if target.com is not None and floor.com > max(OPEN_M, OUT_OF_REACH * target.com):
+        x, y, z = np.linalg.eigh(precision.com)[1][:, -1]
+        return (
+            f"the edges that can be struck leave the centre of mass open along ({x:.2f}, {y:.2f}, {z:.2f}): "
+            "plan strikes over other edges"
+        )
     if target.com is not None and floor.com > OUT_OF_REACH * target.com:
         sources = forecast.sources(counts)
         worst = max(sources, key=lambda name: sources[name])

@@ -173,7 +173,10 @@ def adaptive(body: str, seed: int, target: float, bank: Bank, images: bool) -> R
         choice = choose_strike(forecast, aim, progress, session.names)
         run.slowest = max(run.slowest, time.process_time() - began)
         if choice.strike is None or choice.obstacle:
-            run.ending = choice.obstacle
+            failed = (
+                [] if solved is None else [each.text for each in stopping_checks(solved) if not each.passed]
+            )
+            run.ending = "; ".join([choice.obstacle, *failed])
             break
         again = stands and last is not None and choice.strike.axis_id == last.axis_id
         run.placements += not again
@@ -262,7 +265,8 @@ def main(
             console.print(
                 f"{run.kind} {run.body}:{run.seed} to {1e3 * run.target:g} mm: {run.strikes} strikes, "
                 f"± {1e3 * run.half:.2f} mm, off {1e3 * run.error:.2f} mm, {worst:.1f} half widths; "
-                f"{run.ending}"
+                f"{run.ending}",
+                markup=False,
             )
     console.print(f"slowest answer and choice: {max(run.slowest for run in runs):.2f} s of CPU")
 

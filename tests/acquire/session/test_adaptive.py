@@ -9,11 +9,11 @@ import pytest
 from acquire.errors import SessionError
 from acquire.session import actions, events
 from acquire.session import machine as s
-from acquire.session.adaptive import MAX_FAILURES, AdaptiveOrder, Target
+from acquire.session.adaptive import MAX_DOUBTED, MAX_FAILURES, AdaptiveOrder, Target
 from acquire.session.earlier import EarlierStrikes
 from schemas.proto import percuss_pb2 as pb
 from schemas.strike_result import Verdict
-from schemas.watch_lines import NextStrike, SessionEstimate, SessionTarget
+from schemas.watch_lines import NextStrike, SessionCheck, SessionEstimate, SessionTarget
 from tests.acquire.session.test_machine import plan, planned, verdict
 
 THREE = plan(planned("s1"), planned("s2"), planned("s3"))
@@ -116,6 +116,21 @@ def test_session_ends_after_the_largest_number_of_strikes():
     done = drive(s.SessionMachine(THREE, Target(5e-4, max_strikes=4)), lambda _: estimate("s2"), good)
     assert made(done) == ["s2.1", "s2.2", "s2.3", "s2.4"]
     assert done[-1].missed
+
+
+def test_session_ends_where_a_check_keeps_failing():
+    doubted = estimate("s2").model_copy(
+        update={
+            "com_half_width_m": 4e-4,
+            "checks": [SessionCheck(name="predictions", passed=False, text="s1.1 not as the others predict")],
+        }
+    )
+    done = drive(s.SessionMachine(THREE, Target(5e-4)), lambda _: doubted, good)
+    assert len(made(done)) == MAX_DOUBTED
+    assert "s1.1 not as the others predict" in done[-1].text
+    unsure = doubted.model_copy(update={"com_half_width_m": 9e-4})
+    done = drive(s.SessionMachine(THREE, Target(5e-4)), lambda _: unsure, good)
+    assert len(made(done)) == 20
 
 
 def test_session_goes_on_by_its_plan_without_advice():
