@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from acquire.daemon.client import DaemonClient
+from acquire.session.adaptive import Target
+from acquire.session.earlier import EarlierStrikes
 from acquire.session.runner import Progress, SessionRunner
 from acquire.session.session_input import SessionInput
 from acquire.session.session_report import SessionReport
@@ -47,6 +49,8 @@ class SessionRig:
     cleanup: contextlib.ExitStack
     said: list[str] = field(default_factory=list)
     striker: str = "dynamixel"
+    strikes: int = 3
+    """number of planned strikes"""
 
     def __post_init__(self) -> None:
         thing = load_object(OBJECT, SEED)
@@ -65,7 +69,7 @@ class SessionRig:
             "--rig",
             str(rig),
             "--strikes",
-            "3",
+            str(self.strikes),
         ]
         subprocess.run(
             [sys.executable, "-m", "analyze", "plan", *plan], check=True, stdout=subprocess.DEVNULL
@@ -79,12 +83,21 @@ class SessionRig:
         self.cleanup.callback(_ended, camera)
         return camera
 
-    def session(self, progress: Progress) -> SessionReport:
+    def session(
+        self,
+        progress: Progress,
+        *,
+        name: str = "r.mcap",
+        target: Target | None = None,
+        earlier: EarlierStrikes | None = None,
+    ) -> SessionReport:
+        """Run a session with the virtual operator; its recording is called `name`."""
         world = self.world()
         client = self.cleanup.enter_context(contextlib.closing(DaemonClient(self.daemon.socket)))
         with contextlib.closing(VirtualOperator(self.daemon.socket, world, SEED)):
             given = SessionInput(self.folder / "object.toml", self.folder / "plan.json")
-            return SessionRunner(client, given, self.folder / "r.mcap", progress).run()
+            output = self.folder / name
+            return SessionRunner(client, given, output, progress, target=target, earlier=earlier).run()
 
     def world(self) -> WorldLink:
         """A separate connection to the virtual world."""
@@ -92,7 +105,7 @@ class SessionRig:
 
 
 @contextlib.contextmanager
-def session_rig(striker: str = "dynamixel") -> Iterator[SessionRig]:
+def session_rig(striker: str = "dynamixel", strikes: int = 3) -> Iterator[SessionRig]:
     """Yield a rig in a folder with a short name, because the path of a socket is limited."""
     with tempfile.TemporaryDirectory(prefix="ps-") as name, contextlib.ExitStack() as cleanup:
-        yield SessionRig(Path(name), cleanup, striker=striker)
+        yield SessionRig(Path(name), cleanup, striker=striker, strikes=strikes)
