@@ -131,6 +131,7 @@ CV2_ALLOWED = (
     "analyze/sources/pictures.py",
     "analyze/replay/",
     "analyze/verbs/watch/",
+    "analyze/verbs/advise/serve.py",
     "analyze/verbs/gravity/picture.py",
     "analyze/batch",
     "analyze/report",
