@@ -1,8 +1,8 @@
 """Gate before all routes: lets in who has the cookie, and nothing that another site made a browser send.
 
-Against DNS rebinding the header Host is compared with the console's own addresses; against requests that
-other sites make a browser send, Origin is compared with Host, every POST carries a header that only scripts of
-the same origin can set, and the cookie is SameSite=Strict.
+Against DNS rebinding the header Host is compared with the console's own addresses. Against requests that
+other sites make a browser send, Origin is compared with Host, every POST carries a header that only scripts
+of the same origin can set, and the cookie is SameSite=Strict.
 """
 
 from __future__ import annotations

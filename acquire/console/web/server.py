@@ -31,12 +31,20 @@ class PatientProtocol(H11Protocol):
     """
 
     _deadline: asyncio.TimerHandle | None = None
+    _began_s: float = 0.0
+
+    @property
+    def is_stranger(self) -> bool:
+        """True until a request has shown a valid cookie."""
+        scope: Any = self.scope
+        return not (scope or {}).get(KNOWN, False)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Take a connection; close the oldest connection of a stranger if there are many."""
         super().connection_made(transport)  # pyright: ignore[reportArgumentType]
         self._began_s = self.loop.time()
-        strangers = [each for each in self.connections if _is_stranger(each)]
+        ours = [each for each in self.connections if isinstance(each, PatientProtocol)]
+        strangers = [each for each in ours if each.is_stranger]
         if len(strangers) > MAX_STRANGERS:
             min(strangers, key=lambda each: each._began_s)._hang_up()
         self._set_deadline()
@@ -71,11 +79,6 @@ class PatientProtocol(H11Protocol):
     def _hang_up(self) -> None:
         if not self.transport.is_closing():
             self.transport.abort()
-
-
-def _is_stranger(connection: Any) -> bool:
-    scope = getattr(connection, "scope", None)
-    return isinstance(connection, PatientProtocol) and not (scope or {}).get(KNOWN, False)
 
 
 def listen(port: int) -> socket.socket:

@@ -10,8 +10,10 @@ from types import SimpleNamespace
 import pytest
 
 from acquire.clock.clock import SystemClock
+from acquire.daemon.attendance import Attendance
 from acquire.daemon.daemon import Daemon
 from acquire.daemon.prompts import Prompts
+from acquire.daemon.session_board import SessionBoard
 from acquire.daemon.striker_control import StrikerControl
 from acquire.errors import SessionError, StrikerStopped
 from acquire.striker.base import StrikerState
@@ -28,6 +30,8 @@ class Recording:
 def daemon() -> Daemon:
     daemon = Daemon.__new__(Daemon)
     daemon._recording = Recording()  # type: ignore[assignment]
+    daemon._attendance = Attendance(lambda *_: None, lambda: False)
+    daemon._board = SessionBoard(lambda *_: None)
     return daemon
 
 
