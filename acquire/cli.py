@@ -6,18 +6,20 @@ Exit codes: 0 done, 1 a named problem (one line on standard error), 2 wrong usag
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 
+from acquire.console.strike_options import StrikeOptions
 from acquire.console.virtual_options import refuse_truth_of_ours, virtual_options
+from acquire.console.web_verb import console
 from acquire.errors import AcquireError, CameraNotFound, DaemonSilent
 from schemas.command_line import Commands, NumberRange, one_line_errors, version_option
 from schemas.input_file import read_text
@@ -32,6 +34,9 @@ _SOCKET_HELP = "Rig file that names the daemon's socket"
 @version_option("acquire")
 def main() -> None:
     """Drive the rig: strike the object, film it, record everything."""
+
+
+main.add_command(console)
 
 
 @main.command()
@@ -56,8 +61,9 @@ def discover(as_json: bool) -> None:
 @main.command()
 @click.argument("rig", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.option("--json-lines", "as_lines", is_flag=True, help="Print each check as a JSON line when it ends.")
 @_one_line_errors
-def check(rig: Path, as_json: bool) -> None:
+def check(rig: Path, as_json: bool, as_lines: bool) -> None:
     """Check camera, striker, computer and disk before a session with RIG. Exits with 1 if a check fails."""
     from acquire.preflight.check import Outcome
     from acquire.preflight.picture import CheckPicture
@@ -66,12 +72,15 @@ def check(rig: Path, as_json: bool) -> None:
 
     _end_as_on_ctrl_c()  # the processes it started end, its temporary files are removed
     console = Terminal()
-    picture = CheckPicture(console) if console.is_terminal and not as_json else None
+    picture = CheckPicture(console) if console.is_terminal and not (as_json or as_lines) else None
     checks, began = [], time.monotonic()
     for line in check_rig(rig, real_probes()):
         checks.append(line)
         if picture is not None:
             picture.show(line)
+        elif as_lines:
+            echo(json.dumps(line.as_dict()))
+            sys.stdout.flush()
         elif not as_json:
             echo(line.text())
     if picture is not None:
@@ -79,6 +88,8 @@ def check(rig: Path, as_json: bool) -> None:
     good = all(line.outcome is not Outcome.FAIL for line in checks)
     if as_json:
         echo(json.dumps({"passed": good, "checks": [line.as_dict() for line in checks]}))
+    if as_lines:
+        echo(json.dumps({"passed": good}))
     if not good:
         sys.exit(1)
 
@@ -113,9 +124,19 @@ def run(rig: Path, as_json: bool, parent: int | None) -> None:
 @click.option(
     "--rig", type=click.Path(path_type=Path), help=f"{_SOCKET_HELP}; without it, the default socket."
 )
+@click.option(
+    "--prompts",
+    type=click.Choice(["terminal", "others"]),
+    default="terminal",
+    show_default=True,
+    help="Who answers the prompts: this terminal, or other clients of the daemon (a console).",
+)
+@click.option("--note", default="", help="Remark to write into the recording.")
 @click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")
 @_one_line_errors
-def session(object_file: Path, plan: Path, output: Path, rig: Path | None, as_json: bool) -> None:
+def session(
+    object_file: Path, plan: Path, output: Path, rig: Path | None, prompts: str, note: str, as_json: bool
+) -> None:
     """Strike OBJECT (TOML) by PLAN (JSON) with the running daemon. Asks you to place the object."""
     from acquire.console.session import ConsoleOperator, SessionProgress
     from acquire.daemon.client import DaemonClient
@@ -127,8 +148,12 @@ def session(object_file: Path, plan: Path, output: Path, rig: Path | None, as_js
     refuse_taken(output)
     given = SessionInput(object_file, plan)
     socket = _socket(rig)
-    with DaemonClient(socket) as client, SessionProgress() as progress, ConsoleOperator(socket, progress):
-        report = SessionRunner(client, given, output, progress).run()
+    with contextlib.ExitStack() as cleanup:
+        client = cleanup.enter_context(DaemonClient(socket))
+        progress = cleanup.enter_context(SessionProgress())
+        if prompts == "terminal":
+            cleanup.enter_context(ConsoleOperator(socket, progress))
+        report = SessionRunner(client, given, output, progress, note=note).run()
     _print_session(report, as_json)
 
 
@@ -201,57 +226,6 @@ def virtual(object_name: str, truth: Path | None, seed: int, address: str | None
         sys.stdout.flush()
 
     rehearse(DeviceOptions(object_name, seed, address or free_address(), truth), folder, show)
-
-
-@dataclass(frozen=True)
-class StrikeOptions:
-    """Options of `acquire strike` that select a single strike or the calibration of the striker."""
-
-    speed: float | None
-    """tip speed [m/s]; None if not given"""
-    plan: Path | None
-    """plan file; None if not given"""
-    strike_id: str | None
-    """id of the strike in the plan; None if not given"""
-    energy: float | None
-    """energy ratio of the planned strike: kinetic energy after it over that needed to reach balance; None if
-    not given"""
-    calibrate: bool
-    """True to calibrate the bare striker in place of one strike"""
-    bodies: tuple[float, ...]
-    """masses of the bodies to strike [kg]; infinite for a wall"""
-    speeds: str | None
-    """tip speeds [m/s] of a calibration, comma-separated; None if not given"""
-    repeats: int
-    """number of swings of a calibration at each speed and target"""
-    write: bool
-    """True to write a calibration's estimates into the rig file"""
-
-    def refuse_contradictions(self, rig: Path | None) -> None:
-        """Refuse options that contradict each other or lack one another.
-
-        Args:
-            rig: rig file of the option --rig; None if not given.
-
-        Raises:
-            click.UsageError: the options cannot be used together.
-        """
-        if self.calibrate:
-            if rig is None or self.speed is not None or self.plan is not None:
-                raise click.UsageError("--calibrate needs --rig; give --speeds instead of --speed or --plan")
-            return
-        one_source = (self.speed is None) != (self.plan is None) and (self.plan is None) == (
-            self.strike_id is None
-        )
-        if self.bodies or self.speeds or self.write or not one_source:
-            raise click.UsageError(
-                "give either --speed, or --plan with --strike; "
-                "--body-mass-kg, --speeds and --write belong to --calibrate"
-            )
-        if self.energy is not None and self.plan is None:
-            raise click.UsageError(
-                "--energy needs --plan and --strike: without an object a speed has no energy ratio"
-            )
 
 
 @main.command()

@@ -13,6 +13,7 @@ import click
 from analyze.verbs.batch import batch
 from analyze.verbs.cache import cache
 from analyze.verbs.calibrate.command import calibrate
+from analyze.verbs.cards import cards
 from analyze.verbs.estimate import estimate
 from analyze.verbs.export import export
 from analyze.verbs.fixture.command import fixture
@@ -49,6 +50,7 @@ for _verb in (
     shape,
     fixture,
     plan,
+    cards,
     estimate,
     score,
     report,

@@ -7,7 +7,6 @@ import contextlib
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from acquire.config import RigLimits
 from acquire.daemon.client import DaemonClient
@@ -27,6 +26,7 @@ from acquire.session.plan_fit import camera_pose_problem, striker_limit_problem
 from acquire.session.progress import ProgressReporter
 from acquire.session.session_input import SessionInput
 from acquire.session.session_report import SessionReport
+from acquire.session.strike_record import strike_record
 from acquire.striker.base import StrikerState
 from schemas.strike_plan import PlannedStrike
 from schemas.watch_lines import StrikeVerdict, WatchEvent
@@ -50,6 +50,7 @@ class SessionRunner:
         progress: called with a text, the number of planned strikes done, and the number of all planned
             strikes.
         servo_timeout_s: longest wait for a servo that does not answer [s].
+        note: remark to write into the recording; empty for none.
     """
 
     def __init__(
@@ -59,9 +60,10 @@ class SessionRunner:
         output: Path,
         progress: Progress = lambda *_: None,
         servo_timeout_s: float = waits.SERVO_TIMEOUT_S,
+        note: str = "",
     ) -> None:
         self._client = client
-        self._servo_timeout_s = servo_timeout_s
+        self._servo_timeout_s, self._note = servo_timeout_s, note
         self._input = given
         self._output = output
         self._progress = progress
@@ -112,6 +114,7 @@ class SessionRunner:
         event: events.Event = events.Started()
         try:
             self._report(f"homing the striker{waits.at_most(waits.HOME_TIMEOUT_S)}")
+            self._announce(actions.Announce(State.IDLE, "", 0, self._note))
             self._client.call("striker.home", after_stop=False)
             while True:
                 for action in self._machine.handle(event):
@@ -208,6 +211,7 @@ class SessionRunner:
         self._report(f"{action.strike_id} {name}{waits.longest_in(action.state)} {action.text}".strip())
 
     def _ask_to_place(self, strike: PlannedStrike, hint: str) -> events.Event:
+        self._client.call("watch.expect", plan_strike_id=strike.id)  # for the outline beside the question
         rotation, p = strike.R_world_object, strike.p_world_object
         impact = [sum(rotation[i][j] * strike.aim.impact.point[j] for j in range(3)) + p[i] for i in range(3)]
         answer = self._client.call(
@@ -357,42 +361,9 @@ class SessionRunner:
         )["verdict"]
         return events.Judged(StrikeVerdict.model_validate(answer) if answer else None)
 
-    def _contact(self, action: actions.WriteRecord) -> tuple[int, float]:
-        """Log time of the contact of arm and object, and its standard deviation [ns]; both 0 if unknown.
-
-        The striker's measurement is taken or, if there is none, the estimate from the images in the verdict.
-        """
-        measured_ns, verdict = action.struck.contact_time_ns, action.verdict
-        if measured_ns:
-            return measured_ns + self._anchor_ns, action.struck.contact_time_sd_ns
-        if verdict is not None and verdict.contact_time_ns is not None:
-            return verdict.contact_time_ns, verdict.contact_time_sd_ns or 0.0
-        return 0, 0.0
-
     def _write_record(self, action: actions.WriteRecord) -> None:
         verdict = action.verdict
-        contact_ns, contact_sd_ns = self._contact(action)
-        record: dict[str, Any] = {
-            "strike_id": action.strike_id,
-            "plan_strike_id": action.strike.id,
-            "attempt": action.attempt,
-            "window_start_ns": action.recorded.window_start_ns,
-            "window_end_ns": action.recorded.window_end_ns,
-            "contact_time_ns": contact_ns,
-            "contact_time_sd_ns": contact_sd_ns,
-            "tip_speed_command_m_s": action.tip_speed_command_m_s,
-            "tip_speed_m_s": action.struck.tip_speed_m_s,
-            "R_world_object": [value for row in action.strike.R_world_object for value in row],
-            "p_world_object": action.strike.p_world_object,
-            "impact_height_m": action.strike.aim.impact_height_m,
-        }
-        if verdict is not None:
-            record |= {
-                "verdict_code": verdict.code.value,
-                "verdict_text": verdict.reason,
-                "energy_ratio": verdict.energy_ratio or 0.0,
-            }
-        self._client.call("recording.strike", **record)
+        self._client.call("recording.strike", **strike_record(action, self._anchor_ns))
         self._kept += 1
         self._status.add_strike(action)
         energy = f", energy ratio {verdict.energy_ratio:.2f}" if verdict and verdict.energy_ratio else ""

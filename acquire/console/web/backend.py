@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -95,6 +94,3 @@ class Backend(Protocol):
     def recording(self, recording_id: str) -> Path:
         """Path of a recording."""
         ...
-
-
-Monotonic = Callable[[], float]

@@ -25,6 +25,8 @@ REPORT_POLICY: Final = (
     "img-src data:; font-src data:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
 )
 """Content-Security-Policy of a report: a page of its own that reaches neither the console nor the network"""
+DRAWING_POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'"
+"""Content-Security-Policy of a drawing (SVG): shown as an image, it runs no script"""
 MAX_ID = 80
 """greatest length of an id in an address"""
 
@@ -108,12 +110,21 @@ def _by_id(method: Callable[[Backend, str], Any], name: str) -> Handler:
     """Handler that calls a method of the rig, in a thread, with an id from the address."""
 
     async def handler(site: Site, request: Request, _: Any) -> Any:
-        given = request.path_params[name]
-        if len(given) > MAX_ID:
-            raise Refusal(404, "Unknown", "there is no such entry")
-        return await run_in_threadpool(method, site.backend, given)
+        return await run_in_threadpool(method, site.backend, _given_id(request, name))
 
     return handler
+
+
+def _given_id(request: Request, name: str) -> str:
+    """Id in the address.
+
+    Raises:
+        Refusal: it is too long to be one.
+    """
+    given = str(request.path_params[name])
+    if len(given) > MAX_ID:
+        raise Refusal(404, "Unknown", "there is no such entry")
+    return given
 
 
 async def _state(site: Site, request: Request, _: Any) -> Snapshot:
@@ -148,18 +159,19 @@ async def _preview(site: Site, _: Request, __: Any) -> Response:
 
 
 async def _card(site: Site, request: Request, _: Any) -> Response:
-    drawing = await _by_id(lambda backend, given: backend.card(given), "strike_id")(site, request, None)
-    return Response(drawing, media_type="image/svg+xml")
+    drawing = await run_in_threadpool(site.backend.card, _given_id(request, "strike_id"))
+    headers = {"content-security-policy": DRAWING_POLICY}
+    return Response(drawing, media_type="image/svg+xml", headers=headers)
 
 
 async def _report(site: Site, request: Request, _: Any) -> Response:
-    path = await _by_id(lambda backend, given: backend.report(given), "recording_id")(site, request, None)
+    path = await run_in_threadpool(site.backend.report, _given_id(request, "recording_id"))
     headers = {"content-security-policy": REPORT_POLICY}
     return FileResponse(path, media_type="text/html", headers=headers)
 
 
 async def _download(site: Site, request: Request, _: Any) -> Response:
-    path = await _by_id(lambda backend, given: backend.recording(given), "recording_id")(site, request, None)
+    path = await run_in_threadpool(site.backend.recording, _given_id(request, "recording_id"))
     return FileResponse(path, media_type="application/octet-stream", filename=path.name)
 
 
