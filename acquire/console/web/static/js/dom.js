@@ -16,7 +16,8 @@ export function setText(node, text) {
 
 /** Show or hide a node. */
 export function show(node, visible) {
-  if (node.hidden === Boolean(visible)) node.hidden = !visible;
+  // The attribute, not the property: elements of SVG have no property `hidden`.
+  if (node.hasAttribute("hidden") === Boolean(visible)) node.toggleAttribute("hidden", !visible);
 }
 
 /** Set or remove an attribute if it differs. */

@@ -7,16 +7,16 @@ export const VIEWS = ["ready", "place", "strike", "know", "archive"];
 /** Texts of the verdicts. */
 const VERDICTS = {
   good: "good",
-  rocked_back: "rocked back before the balance point",
-  slid: "slid along the table",
-  rolled: "rolled about the edge",
-  twisted: "turned sideways",
-  airborne: "left the table",
+  rocked_back: "rocked back",
+  slid: "slid",
+  rolled: "rolled",
+  twisted: "twisted",
+  airborne: "airborne",
   struck_twice: "struck twice",
-  marker_lost: "tag lost from view",
-  not_moved: "did not move",
-  wrong_placement: "not placed as planned",
-  wrong_edge: "tipped about another edge",
+  marker_lost: "tag lost",
+  not_moved: "not moved",
+  wrong_placement: "wrong placement",
+  wrong_edge: "wrong edge",
   excluded: "excluded",
   unreadable: "images unreadable",
 };
@@ -44,7 +44,7 @@ export function viewFor(snapshot, verdictIsNew) {
   if (session.state === "finished" || session.state === "aborted") return "know";
   if (verdictIsNew) return "strike";
   if (snapshot.prompt || ["placing", "checking_pose"].includes(session.state)) return "place";
-  return session.state === "paused" ? null : "strike";
+  return "strike";
 }
 
 function placeSign(prompt) {
@@ -53,7 +53,7 @@ function placeSign(prompt) {
     return { word: "HANDS OFF", tone: "wait", text: "The object is in place. Take your hands off it." };
   if (prompt.in_place === true)
     return { word: "IN PLACE", tone: "good", text: "Press Placed to go on." };
-  return { word: "PLACE", tone: "accent", text: prompt.edge };
+  return { word: "PLACE", tone: "accent", text: prompt.text };
 }
 
 function armedSign(armed) {

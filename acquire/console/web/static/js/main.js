@@ -4,6 +4,7 @@ import { Connection } from "./connection.js";
 import { connectDialogs, isDialogOpen } from "./dialogs.js";
 import { byId, make, rebuild, setAttribute, setDisabled, setText, show } from "./dom.js";
 import { isRunning, newestStrike, signFor, viewFor, VIEWS } from "./follow.js";
+import { estimatesOf } from "./history.js";
 import { connectKeys } from "./keys.js";
 import { connectOperator, drawOperator } from "./operator.js";
 import { OrderError, post } from "./orders.js";
@@ -92,8 +93,8 @@ function applyFollow() {
 function drawSign() {
   const sign = signFor(snapshot, verdictIsNew());
   const large = document.body.classList.contains("large");
-  const wanted = large || ["place", "strike"].includes(view);
-  show(byId("sign"), wanted && (large || Boolean(snapshot.session) || sign.word === "STOPPED"));
+  const stated = sign.word === "STOPPED" || !snapshot.session;
+  show(byId("sign"), large || (["place", "strike"].includes(view) && !stated));
   byId("sign").dataset.tone = sign.tone;
   setText(byId("sign-word"), sign.word);
   setText(byId("sign-text"), sign.text);
@@ -113,7 +114,8 @@ function drawBanners() {
   const trouble = snapshot?.trouble ?? [];
   show(byId("trouble"), trouble.length > 0);
   rebuild(byId("trouble-list"), trouble, () => trouble.map((text) => make("li", {}, text)));
-  const paused = snapshot?.session?.state === "paused";
+  const signed = document.body.classList.contains("large") || ["place", "strike"].includes(view);
+  const paused = snapshot?.session?.state === "paused" && !signed && !snapshot.stop.stopped;
   show(byId("paused"), paused);
   if (paused) setText(byId("paused-text"), snapshot.session.paused || "Press Resume to go on.");
 }
@@ -161,17 +163,21 @@ function draw() {
   drawStatus(byId("status"), snapshot, link);
   const stopped = drawStop(snapshot, mayOrder());
   document.body.classList.toggle("is-stopped", stopped);
-  drawAction();
   drawOperator(snapshot, link);
+  if (snapshot) {
+    drawSign();
+    VIEW_MODULES[view].draw(snapshot, mayOrder());
+  }
+  // After the view: the action depends on what its form holds.
+  drawAction();
   if (!snapshot) return;
-  drawSign();
-  VIEW_MODULES[view].draw(snapshot, mayOrder());
   for (const [name, module] of Object.entries(VIEW_MODULES)) module.setVisible?.(name === view && link === "open", snapshot);
 }
 
 function onState(received) {
   const first = snapshot === null;
   snapshot = received;
+  estimatesOf(snapshot);
   const newest = newestStrike(snapshot);
   const key = newest && `${snapshot.session.id}/${newest.id}/${newest.verdict}`;
   if (key !== newest_key && !first && key) {

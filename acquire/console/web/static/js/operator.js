@@ -30,5 +30,6 @@ export function drawOperator(snapshot, link) {
   const others = snapshot?.watchers ?? 0;
   const role = watching ? "Watching" : others > 0 ? `Operator, ${counted(others, "watcher")}` : "Operator";
   show(byId("role"), Boolean(snapshot));
+  byId("role").classList.toggle("plain", !watching);
   setText(byId("role"), role);
 }

@@ -3,13 +3,13 @@
 import { svg } from "./dom.js";
 import { fixed } from "./format.js";
 
-/** Ticks at round values (1, 2 or 5 times a power of ten) from low to high, about `count` of them. */
+/** Ticks at round values (1, 2 or 5 times a power of ten) from low to high, `count` of them to half as many again. */
 export function ticks(low, high, count = 5) {
   const span = high - low;
   if (!(span > 0)) return [low];
   const raw = span / count;
   const power = 10 ** Math.floor(Math.log10(raw));
-  const step = [1, 2, 5, 10].map((factor) => factor * power).find((each) => each >= raw);
+  const step = [1, 2, 5, 10].map((factor) => factor * power).find((each) => each * 1.5 >= raw);
   const first = Math.ceil(low / step - 1e-9);
   const last = Math.floor(high / step + 1e-9);
   return Array.from({ length: last - first + 1 }, (_, i) => (first + i) * step);

@@ -15,8 +15,8 @@ function entry(name, value, tone = "") {
 export function drawStatus(node, snapshot, link) {
   const { camera, disk, session, striker } = snapshot ?? {};
   const shown = [
-    ["Lost", camera ? `${camera.lost} of ${camera.frames}` : "–", camera?.lost > 0 ? "bad" : ""],
-    ["Camera", camera ? `${fixed(camera.fps, 1)} /s` : "none", camera ? "" : "bad"],
+    ["Frames lost", camera ? String(camera.lost) : "–", camera?.lost > 0 ? "bad" : ""],
+    ["Camera", camera ? `${fixed(camera.fps, 0)} /s` : "none", camera ? "" : "bad"],
     ["Disk", diskText(disk), isNumber(disk?.minutes_left) && disk.minutes_left < LITTLE_DISK_MIN ? "bad" : ""],
     ["Striker", striker ? striker.state : "none", striker?.torque ? "wait" : ""],
   ];

@@ -5,7 +5,7 @@ import { byId, setDisabled, setText, show } from "./dom.js";
 import { fixed, isNumber } from "./format.js";
 import { postStop } from "./orders.js";
 
-const NOT_CONFIRMED = "Stop not confirmed";
+const NOT_CONFIRMED = "STOP NOT CONFIRMED";
 const USE_SWITCH = "The console did not answer. Cut the striker's power at its switch or plug now.";
 
 let pending = 0;
@@ -51,7 +51,8 @@ export function connectStop(changed, order) {
 export function drawStop(snapshot, mayOrder) {
   const stopped = snapshot?.stop?.stopped === true;
   if (stopped) failed = false;
-  setText(byId("stop-label"), pending > 0 ? "STOPPING" : stopped ? "STOPPED" : "STOP");
+  setText(byId("stop-label"), pending > 0 ? "STOPPING" : "STOP");
+  setText(byId("stop-keys"), stopped ? "stopped" : "Esc or Space");
   byId("stop").classList.toggle("done", stopped);
   show(byId("stopped"), stopped || failed);
   show(byId("home"), stopped);
@@ -63,7 +64,7 @@ export function drawStop(snapshot, mayOrder) {
   } else if (stopped) {
     const latency = snapshot.stop.latency_ms;
     const time = isNumber(latency) ? ` ${fixed(latency, 0)} ms after the press.` : "";
-    setText(byId("stopped-title"), "Striker stopped");
+    setText(byId("stopped-title"), "STOPPED");
     setText(byId("stopped-text"), `${snapshot.stop.text}${time && ` Torque off${time}`}`);
   }
   return stopped || failed;

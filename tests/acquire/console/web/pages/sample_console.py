@@ -140,7 +140,9 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         self.server.previews += 1
         try:
             while True:
-                head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(self.server.image)}\r\n\r\n"
+                head = (
+                    f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(self.server.image)}\r\n\r\n"
+                )
                 self.wfile.write(head.encode() + self.server.image + b"\r\n")
                 time.sleep(0.2)
         finally:

@@ -20,19 +20,19 @@ SIZES = {390: 844, 820: 1180, 1440: 900}
 SCHEMES = ("light", "dark")
 
 
-def show_state(page: Page, server: SampleConsole, name: str) -> None:
-    """Open a page in a state; it has settled on return."""
+def show_state(page: Page, server: SampleConsole, name: str, settle_ms: int = 900) -> None:
+    """Open a page in a state and wait until it has settled."""
     view, steps = states()[name]
     server.show(steps[0])
     page.goto(server.url)
-    page.wait_for_selector("#role:not([hidden])")
+    page.wait_for_selector("#role:not([hidden])", state="attached")
     for step in steps[1:]:
         page.wait_for_timeout(150)
         server.show(step)
     page.wait_for_timeout(250)
     if page.locator(f"#view-{view}").is_hidden():
         page.click(f"nav [data-view={view}]")
-    page.wait_for_timeout(900)
+    page.wait_for_timeout(settle_ms)
 
 
 def take(browser: Browser, server: SampleConsole, folder: Path, names: list[str]) -> None:

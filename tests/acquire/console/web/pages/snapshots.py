@@ -32,7 +32,10 @@ def _check(*failing: str) -> dict[str, Any]:
         ("disk speed", "431 MB/s, 38 MB/s needed", ""),
     ]
     found = {
-        "marker": ("no tag of the object file in the image", "turn tag 12 towards the camera, or move it closer"),
+        "marker": (
+            "no tag of the object file in the image",
+            "turn tag 12 towards the camera, or move it closer",
+        ),
         "USB latency": ("16 ms", "echo 1 | sudo tee /sys/bus/usb-serial/devices/ttyUSB0/latency_timer"),
     }
     out = [
@@ -137,7 +140,7 @@ def session(state: str, text: str, done: int = 0, **more: Any) -> dict[str, Any]
         "max_strikes": 12,
         "until": "com=0.5mm",
         "paused": None,
-        "file": "/data/recordings/carton-2026-11-29T14-05.mcap",
+        "file": "/data/recordings/carton-2026-11-29T14-05-00.mcap",
         "began_ns": 1_796_000_000_000_000_000,
         "strikes": strikes(done + 1 if done >= 3 else done),
     } | more
@@ -164,7 +167,11 @@ def prompt(**more: Any) -> dict[str, Any]:
 def estimate(strikes_used: int, **more: Any) -> dict[str, Any]:
     """Estimate after a number of good strikes; the uncertainty shrinks with it."""
     sd = 0.0031 / strikes_used**1.25
-    wander = [math.sin(strikes_used * 2.1) * sd, math.cos(strikes_used * 1.3) * sd, math.sin(strikes_used) * sd]
+    wander = [
+        math.sin(strikes_used * 2.1) * sd,
+        math.cos(strikes_used * 1.3) * sd,
+        math.sin(strikes_used) * sd,
+    ]
     covariance = [
         [sd**2, 0.45 * sd**2, 0.0],
         [0.45 * sd**2, 1.6 * sd**2, -0.5 * sd**2],
@@ -186,9 +193,21 @@ def estimate(strikes_used: int, **more: Any) -> dict[str, Any]:
         "inertia_sd_kg_m2": [abs(v) * 0.05 / strikes_used + 4e-6 for v in tensor],
         "inertia_half_width": 0.12 / strikes_used,
         "checks": [
-            {"name": "leave one out", "passed": True, "text": "each strike is predicted by the others within 1.7 sd"},
-            {"name": "agreement", "passed": True, "text": "residuals of the planes: 0.9 of their expected size"},
-            {"name": "physical tensor", "passed": True, "text": "positive, and the triangle inequality holds"},
+            {
+                "name": "leave one out",
+                "passed": True,
+                "text": "each strike is predicted by the others within 1.7 sd",
+            },
+            {
+                "name": "agreement",
+                "passed": True,
+                "text": "residuals of the planes: 0.9 of their expected size",
+            },
+            {
+                "name": "physical tensor",
+                "passed": True,
+                "text": "positive, and the triangle inequality holds",
+            },
         ],
         "target": {"com_m": 0.0005, "inertia": None, "met": half <= 0.0005, "reachable": True, "reason": ""},
         "forecast": {"least": 2, "most": 4},
@@ -232,7 +251,15 @@ def archive() -> list[dict[str, Any]]:
     """List of recordings."""
     rows = [
         ("carton", "2026-11-29T14:05:00", 9, [79.02, 56.21, 87.13], [0.11, 0.14, 0.19], [], True),
-        ("carton", "2026-11-28T09:41:00", 9, [79.31, 56.02, 87.52], [0.12, 0.16, 0.22], ["2 strikes repeated"], True),
+        (
+            "carton",
+            "2026-11-28T09:41:00",
+            9,
+            [79.31, 56.02, 87.52],
+            [0.12, 0.16, 0.22],
+            ["2 strikes repeated"],
+            True,
+        ),
         (HOSTILE, "2026-11-27T17:20:00", 5, [42.1, 38.8, 120.4], [0.6, 0.7, 1.9], ["z weakly known"], True),
         ("spray bottle, half full", "2026-11-27T16:02:00", 3, None, None, ["frames lost"], False),
         ("parcel", "2026-11-20T11:11:00", 7, [201.4, 149.9, 98.2], [0.8, 0.9, 1.2], [], True),
@@ -266,7 +293,11 @@ def states() -> dict[str, tuple[str, list[Snapshot]]]:
         "check": _check("marker"),
     }
     no_daemon = {
-        "daemon": {"running": False, "text": "No daemon runs for rig.toml.", "socket": "/run/user/1000/percuss/rig.sock"},
+        "daemon": {
+            "running": False,
+            "text": "No daemon runs for rig.toml.",
+            "socket": "/run/user/1000/percuss/rig.sock",
+        },
         "camera": None,
         "striker": None,
         "disk": None,
@@ -276,7 +307,8 @@ def states() -> dict[str, tuple[str, list[Snapshot]]]:
     running = {"estimate": estimate(3)}
     ran = [_with(session=session("judging", "", n + 1), estimate=estimate(n)) for n in (2, 3, 4, 5)]
     ended = session("finished", "Finished: the target was met after 6 good strikes.", 6)
-    last = {"next": None, "forecast": None}
+    last = {"next": None, "forecast": None, "com_half_width_m": 0.00047}
+    last["target"] = {"com_m": 0.0005, "inertia": None, "met": True, "reachable": True, "reason": ""}
     return {
         "ready": ("ready", [base()]),
         "ready-unchecked": ("ready", [_with(check={"running": False, "passed": None, "lines": []})]),
@@ -313,7 +345,10 @@ def states() -> dict[str, tuple[str, list[Snapshot]]]:
                 )
             ],
         ),
-        "armed": ("strike", [_with(session=session("striking", "", 3), armed={"countdown_s": 2.1}, **armed, **running)]),
+        "armed": (
+            "strike",
+            [_with(session=session("striking", "", 3), armed={"countdown_s": 2.1}, **armed, **running)],
+        ),
         "judging": ("strike", [_with(session=session("judging", "", 3), **running)]),
         "good": (
             "strike",
@@ -335,14 +370,21 @@ def states() -> dict[str, tuple[str, list[Snapshot]]]:
             [
                 _with(
                     session=session("judging", "", 2),
-                    estimate=estimate(2, com_open=[[0, 0, 1]], inertia_kg_m2=None, inertia_sd_kg_m2=None, checks=[]),
+                    estimate=estimate(
+                        2, com_open=[[0, 0, 1]], inertia_kg_m2=None, inertia_sd_kg_m2=None, checks=[]
+                    ),
                 )
             ],
         ),
         "finished": ("know", [*ran, _with(session=ended, estimate=estimate(6, **last))]),
         "aborted": (
             "know",
-            [_with(session=session("aborted", "the operator ended it after 4 strikes", 4), estimate=estimate(3))],
+            [
+                _with(
+                    session=session("aborted", "the operator ended it after 4 strikes", 4),
+                    estimate=estimate(3),
+                )
+            ],
         ),
         "paused": (
             "strike",
@@ -350,7 +392,10 @@ def states() -> dict[str, tuple[str, list[Snapshot]]]:
                 _with(session=session("striking", "", 4)),
                 _with(
                     session=session(
-                        "paused", "", 4, paused="The operator's browser was not connected for 3 s. Nothing was lost."
+                        "paused",
+                        "",
+                        4,
+                        paused="The operator's browser was not connected for 3 s. Nothing was lost.",
                     )
                 ),
             ],
@@ -367,7 +412,11 @@ def states() -> dict[str, tuple[str, list[Snapshot]]]:
         ),
         "watcher": (
             "place",
-            [_with(role="watcher", watchers=2, session=session("placing", "", 3), prompt=prompt(), **running)],
+            [
+                _with(
+                    role="watcher", watchers=2, session=session("placing", "", 3), prompt=prompt(), **running
+                )
+            ],
         ),
         "archive": ("archive", [base()]),
     }

@@ -60,8 +60,8 @@ const halfWidths = (entry) => AXIS_NAMES.map((_, axis) => (isNumber(entry.com_sd
 function comCells(entry) {
   if (!entry.com_mm) return [make("span", { class: "muted" }, "not estimated")];
   const halves = halfWidths(entry);
+  const digits = decimalsFor(Math.min(...halves.filter((half) => half > 0)), 2);
   return AXIS_NAMES.map((name, axis) => {
-    const digits = decimalsFor(halves[axis], 2);
     const half = halves[axis] === null ? "" : ` ± ${fixed(halves[axis], digits)}`;
     return make("span", { class: "com" }, make("i", {}, name), fixed(entry.com_mm[axis], digits), make("small", { class: "muted" }, half));
   });
@@ -84,11 +84,11 @@ function row(entry, mayOrder) {
     make("td", { class: "date" }, dateTime(entry.date)),
     make("td", { class: "n count", "data-label": "Strikes" }, isNumber(entry.strikes) ? String(entry.strikes) : "–"),
     make("td", { class: "n coms", "data-label": "Centre of mass [mm] ± 95 %" }, ...comCells(entry)),
-    make("td", { class: "flags" }, ...flags.map((flag) => make("span", { class: "tag warn" }, flag))),
+    make("td", {}, make("div", { class: "flags" }, ...flags.map((flag) => make("span", { class: "tag warn" }, flag)))),
     make("td", { class: "n size", "data-label": "Size" }, bytes(entry.size_bytes)),
     make(
       "td",
-      { class: "orders" },
+      { class: "acts" },
       make("a", { class: "button", href: `${path}/report`, target: "_blank", rel: "noopener" }, "Report"),
       make("a", { class: "button", href: `${path}/download`, download: "" }, "Download"),
       again,

@@ -3,13 +3,16 @@
 import { make } from "../dom.js";
 
 const WORDS = { pass: "pass", warn: "warning", fail: "fail", skip: "not checked" };
-const ORDER = ["fail", "warn", "skip", "pass"];
+const QUIET = ["pass", "skip"];
 
-/** Lines with those first that need action; the order is kept otherwise. */
-export const bySeverity = (lines) =>
-  ORDER.flatMap((outcome) => lines.filter((line) => line.outcome === outcome)).concat(
-    lines.filter((line) => !ORDER.includes(line.outcome)),
-  );
+/** Lines that need attention, failures first. */
+export const urgent = (lines) =>
+  lines
+    .filter((line) => !QUIET.includes(line.outcome))
+    .sort((a, b) => (a.outcome === "fail" ? 0 : 1) - (b.outcome === "fail" ? 0 : 1));
+
+/** Lines that passed or were skipped. */
+export const quiet = (lines) => lines.filter((line) => QUIET.includes(line.outcome));
 
 /** List items of the lines; each line is {name, outcome, text, remedy}. */
 export function checkItems(lines) {

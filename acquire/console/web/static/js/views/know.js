@@ -12,7 +12,7 @@ import { checkItems } from "./checks.js";
 
 /** Places of xx, yy, zz, xy, xz, yz in the symmetric matrix. */
 const PLACES = [[0, 3, 4], [3, 1, 5], [4, 5, 2]];
-const AREA = [54, 26, 408, 150];
+const AREA = [54, 30, 408, 122];
 
 let page;
 let recording = { file: null, id: null };
@@ -34,11 +34,12 @@ export function action(snapshot) {
 function drawCom(estimate) {
   const { com_m: com, com_covariance_m2: covariance } = estimate;
   const open = openAxes(estimate.com_open);
+  const halves = [0, 1, 2].map((axis) => (covariance ? HALF_WIDTH_95 * Math.sqrt(Math.max(0, covariance[axis][axis])) * 1e3 : null));
+  const digits = decimalsFor(Math.min(...halves.filter((half) => half > 0)), 2);
   rebuild(byId("com-values"), [com, covariance], () =>
     AXIS_NAMES.map((name, axis) => {
-      const half = covariance ? HALF_WIDTH_95 * Math.sqrt(Math.max(0, covariance[axis][axis])) * 1e3 : null;
+      const half = halves[axis];
       const unknown = !com || (estimate.com_open ?? []).some((each) => Math.abs(each[axis]) > 0.4);
-      const digits = decimalsFor(half, 2);
       const value = unknown ? "not known" : fixed(com[axis] * 1e3, digits);
       const around = unknown || half === null ? "" : `± ${fixed(half, digits)} mm`;
       return make("div", {}, make("dt", {}, name), make("dd", { class: unknown ? "muted" : null }, value), make("dd", { class: "muted" }, around));
@@ -58,8 +59,9 @@ function drawTensor(estimate) {
   setText(byId("tensor-unit"), `${powerText(power)} kg m², about the centre of mass, ± 95 %`);
   const halves = (sds ?? []).map((sd) => (HALF_WIDTH_95 * sd) / unit);
   const digits = decimalsFor(Math.min(...halves.filter((half) => half > 0)), 3);
-  rebuild(byId("tensor"), [tensor, sds], () =>
-    PLACES.map((row, i) =>
+  rebuild(byId("tensor"), [tensor, sds], () => [
+    make("tr", {}, make("td"), ...AXIS_NAMES.map((name) => make("th", { scope: "col", class: "n" }, name))),
+    ...PLACES.map((row, i) =>
       make(
         "tr",
         {},
@@ -69,7 +71,7 @@ function drawTensor(estimate) {
         ),
       ),
     ),
-  );
+  ]);
 }
 
 /** Sentence on the target: value reached, value wanted, and the number of strikes still needed. */
@@ -119,7 +121,6 @@ function drawProgress(history, estimate) {
     parts.push(svg("g", { class: "measured" }, ...logs.map((log, i) => svg("circle", { cx: x(strikes[i]), cy: y(log), r: 4 }))));
     return parts;
   });
-  setText(byId("progress-text"), "Uncertainty of the centre of mass after each strike.");
 }
 
 function drawNext(snapshot, estimate) {

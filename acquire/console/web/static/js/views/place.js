@@ -38,13 +38,9 @@ export function action(snapshot) {
 
 function drawOutline(prompt, camera) {
   const plot = byId("outline");
-  show(plot, Boolean(prompt?.outline_px && camera));
-  if (plot.hasAttribute("hidden") || !prompt?.outline_px || !camera) {
-    plot.replaceChildren();
-    plot.setAttribute("hidden", "");
-    return;
-  }
-  plot.removeAttribute("hidden");
+  const known = Boolean(prompt?.outline_px && camera);
+  show(plot, known);
+  if (!known) return;
   setAttribute(plot, "viewBox", `0 0 ${camera.width} ${camera.height}`);
   plot.setAttribute("class", prompt.in_place === true ? "in-place" : "");
   rebuild(plot, [prompt.outline_px, camera.width], () => {
@@ -82,8 +78,7 @@ export function draw(snapshot, mayOrder) {
   show(byId("place-grid"), Boolean(prompt));
   show(byId("place-none"), !prompt);
   setText(byId("place-none"), isRunning(session) ? session.text : "No session asks for a placement.");
-  setText(byId("place-text"), prompt?.text ?? "");
-  setText(byId("place-hint"), prompt?.hint ?? "");
+  setText(byId("place-text"), prompt ? prompt.hint || prompt.text : "");
   setDisabled(byId("place-skip"), !mayOrder || !prompt);
   setDisabled(byId("place-pause"), !mayOrder || !isRunning(session) || session.paused !== null);
   setText(byId("place-absent"), camera ? "The live image does not arrive." : "No camera: place the object by the card.");
@@ -92,9 +87,10 @@ export function draw(snapshot, mayOrder) {
   drawOffsets(prompt);
   setText(byId("place-state"), STATES.find(([holds]) => holds(prompt))[1]);
   setText(byId("card-strike"), [prompt.strike_id, prompt.edge].filter(Boolean).join(" · "));
-  if (byId("card").getAttribute("src") !== (prompt.card || null)) setAttribute(byId("card"), "src", prompt.card || null);
-  show(byId("card-open"), Boolean(prompt.card));
-  show(byId("card-none"), !prompt.card);
+  const card = prompt.card.startsWith("/api/") ? prompt.card : null;
+  if (byId("card").getAttribute("src") !== card) setAttribute(byId("card"), "src", card);
+  show(byId("card-open"), card !== null);
+  show(byId("card-none"), card === null);
 }
 
 /** Load the live image while the view is shown. */

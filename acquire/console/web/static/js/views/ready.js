@@ -5,9 +5,11 @@ import { isChecked, isRunning, startObstacle } from "../follow.js";
 import { bytes, counted, fixed, minutes } from "../format.js";
 import { Preview } from "../preview.js";
 import { connectHistogram, drawAids } from "./aids.js";
-import { bySeverity, checkItems, summary } from "./checks.js";
+import { checkItems, quiet, summary, urgent } from "./checks.js";
 
 const LEAST_REASON = 3;
+/** Width of the window [px] from which the checks that passed are unfolded at first. */
+const WIDE_PX = 700;
 
 let page;
 let preview;
@@ -20,6 +22,7 @@ export function connect(context) {
   byId("check").addEventListener("click", () => page.order("/api/check"));
   byId("daemon-start").addEventListener("click", () => page.order("/api/daemon/start"));
   byId("object").addEventListener("change", page.redraw);
+  byId("check-passed").open = innerWidth >= WIDE_PX;
   const form = byId("start-form");
   form.addEventListener("submit", (event) => event.preventDefault());
   form.addEventListener("input", page.redraw);
@@ -64,7 +67,7 @@ export function action(snapshot) {
     return { label: "Start the daemon", problem: "", run: () => page.order("/api/daemon/start") };
   if (snapshot.check.passed === null && !reason())
     return { label: "Check", problem: snapshot.check.running ? "The check is running." : "", run: () => page.order("/api/check") };
-  const label = isChecked(snapshot) ? "Start" : "Start despite the check";
+  const label = isChecked(snapshot) ? "Start" : "Start anyway";
   return { label, problem: startProblem(snapshot), run: () => start(snapshot) };
 }
 
@@ -93,11 +96,16 @@ function drawForm(snapshot, mayOrder) {
 
 function drawCheck(snapshot, mayOrder) {
   const { running, passed, lines } = snapshot.check;
-  const state = running ? "checking…" : passed === null ? "not checked yet" : summary(lines);
+  const state = running ? "checking…" : passed === null ? "not checked yet" : summary(urgent(lines)) || "nothing to mend";
   setText(byId("check-summary"), state);
   setText(byId("check"), passed === null ? "Check" : "Check again");
   setDisabled(byId("check"), !mayOrder || running || !snapshot.daemon.running);
-  rebuild(byId("check-lines"), lines, () => checkItems(bySeverity(lines)));
+  const [loud, silent] = [urgent(lines), quiet(lines)];
+  rebuild(byId("check-lines"), loud, () => checkItems(loud));
+  rebuild(byId("check-passed-lines"), silent, () => checkItems(silent));
+  show(byId("check-lines"), loud.length > 0);
+  show(byId("check-passed"), silent.length > 0);
+  setText(byId("check-passed-count"), summary(silent));
 }
 
 function drawFacts(snapshot) {

@@ -4,7 +4,7 @@ import { drawCurve } from "../curve.js";
 import { confirm } from "../dialogs.js";
 import { byId, make, rebuild, setDisabled, setText, show } from "../dom.js";
 import { isRunning, isUseful, newestStrike, verdictText } from "../follow.js";
-import { fixed } from "../format.js";
+import { fixed, isNumber } from "../format.js";
 import { get } from "../orders.js";
 import { answer } from "./place.js";
 
@@ -33,7 +33,7 @@ export function action(snapshot) {
   if (snapshot.session?.paused)
     return { label: "Resume", problem: "", run: () => page.order("/api/session/resume") };
   if (snapshot.prompt) return { label: "Place the object", problem: "", run: () => page.goTo("place") };
-  return { label: "Resume", problem: "The session is not paused.", run: () => {} };
+  return null;
 }
 
 /** Curve of a strike: the data, null while it is loaded, or undefined if there is none. */
@@ -62,12 +62,13 @@ function drawVerdict(strike, session) {
   setText(byId("curve-text"), text);
   rebuild(byId("verdict-facts"), strike, () =>
     [
-      ["Balance angle φ", `${fixed(strike.phi_deg, 2)}° ± ${fixed(strike.phi_sd_deg, 3)}°`],
+      ["Balance angle φ", isNumber(strike.phi_deg) ? `${fixed(strike.phi_deg, 2)}° ± ${fixed(strike.phi_sd_deg, 3)}°` : "–"],
       ["Energy ratio E", fixed(strike.energy_ratio, 2)],
       ["Used", strike.used ? "yes" : "no"],
     ].map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))),
   );
   const key = [session.id, strike.id, Boolean(curve)].join();
+  show(byId("curve"), curve !== undefined);
   if (byId("curve").dataset.drawn !== key) {
     byId("curve").dataset.drawn = key;
     drawCurve(byId("curve"), curve ?? null);
