@@ -6,6 +6,7 @@ Exit codes: 0 done, 1 a named problem (one line on standard error), 2 wrong usag
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -19,6 +20,7 @@ import click
 from acquire.console.session_options import target_of, target_options
 from acquire.console.strike_options import StrikeOptions
 from acquire.console.virtual_options import refuse_truth_of_ours, virtual_options
+from acquire.console.web_verb import console
 from acquire.errors import AcquireError, CameraNotFound, DaemonSilent
 from schemas.command_line import Commands, NumberRange, one_line_errors, version_option
 from schemas.input_file import read_text
@@ -33,6 +35,9 @@ _SOCKET_HELP = "Rig file that names the daemon's socket"
 @version_option("acquire")
 def main() -> None:
     """Drive the rig: strike the object, film it, record everything."""
+
+
+main.add_command(console)
 
 
 @main.command()
@@ -57,8 +62,9 @@ def discover(as_json: bool) -> None:
 @main.command()
 @click.argument("rig", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.option("--json-lines", "as_lines", is_flag=True, help="Print each check as a JSON line when it ends.")
 @_one_line_errors
-def check(rig: Path, as_json: bool) -> None:
+def check(rig: Path, as_json: bool, as_lines: bool) -> None:
     """Check camera, striker, computer and disk before a session with RIG. Exits with 1 if a check fails."""
     from acquire.preflight.check import Outcome
     from acquire.preflight.picture import CheckPicture
@@ -67,12 +73,15 @@ def check(rig: Path, as_json: bool) -> None:
 
     _end_as_on_ctrl_c()  # the processes it started end, its temporary files are removed
     console = Terminal()
-    picture = CheckPicture(console) if console.is_terminal and not as_json else None
+    picture = CheckPicture(console) if console.is_terminal and not (as_json or as_lines) else None
     checks, began = [], time.monotonic()
     for line in check_rig(rig, real_probes()):
         checks.append(line)
         if picture is not None:
             picture.show(line)
+        elif as_lines:
+            echo(json.dumps(line.as_dict()))
+            sys.stdout.flush()
         elif not as_json:
             echo(line.text())
     if picture is not None:
@@ -80,6 +89,8 @@ def check(rig: Path, as_json: bool) -> None:
     good = all(line.outcome is not Outcome.FAIL for line in checks)
     if as_json:
         echo(json.dumps({"passed": good, "checks": [line.as_dict() for line in checks]}))
+    if as_lines:
+        echo(json.dumps({"passed": good}))
     if not good:
         sys.exit(1)
 
@@ -122,17 +133,18 @@ def run(rig: Path, as_json: bool, parent: int | None) -> None:
     type=click.Path(path_type=Path),
     help="Go on where this recording of the same plan ended; may be given for several.",
 )
+@click.option(
+    "--prompts",
+    type=click.Choice(["terminal", "others"]),
+    default="terminal",
+    show_default=True,
+    help="Who answers the prompts: this terminal, or other clients of the daemon (a console).",
+)
+@click.option("--note", default="", help="Remark to write into the recording.")
 @click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")
 @_one_line_errors
 def session(
-    object_file: Path,
-    plan: Path,
-    output: Path,
-    rig: Path | None,
-    until: str | None,
-    max_strikes: int | None,
-    earlier: tuple[Path, ...],
-    as_json: bool,
+    object_file: Path, plan: Path, output: Path, rig: Path | None, as_json: bool, **options: Any
 ) -> None:
     """Strike OBJECT (TOML) by PLAN (JSON) with the running daemon. Asks you to place the object.
 
@@ -147,11 +159,19 @@ def session(
 
     refuse_unwritable(output)
     refuse_taken(output)
-    target, given = target_of(until, max_strikes), SessionInput(object_file, plan)
-    before = read_earlier(earlier, given.plan_json, plan)
+    target = target_of(options["until"], options["max_strikes"])
+    given = SessionInput(object_file, plan)
+    before = read_earlier(options["earlier"], given.plan_json, plan)
     socket = _socket(rig)
-    with DaemonClient(socket) as client, SessionProgress() as progress, ConsoleOperator(socket, progress):
-        report = SessionRunner(client, given, output, progress, target=target, earlier=before).run()
+    with contextlib.ExitStack() as cleanup:
+        client = cleanup.enter_context(DaemonClient(socket))
+        progress = cleanup.enter_context(SessionProgress())
+        if options["prompts"] == "terminal":
+            cleanup.enter_context(ConsoleOperator(socket, progress))
+        runner = SessionRunner(
+            client, given, output, progress, target=target, earlier=before, note=options["note"]
+        )
+        report = runner.run()
     _print_session(report, as_json)
 
 

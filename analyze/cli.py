@@ -14,6 +14,7 @@ from analyze.verbs.advise.command import advise
 from analyze.verbs.batch import batch
 from analyze.verbs.cache import cache
 from analyze.verbs.calibrate.command import calibrate
+from analyze.verbs.cards import cards
 from analyze.verbs.estimate import estimate
 from analyze.verbs.export import export
 from analyze.verbs.fixture.command import fixture
@@ -50,6 +51,7 @@ for _verb in (
     shape,
     fixture,
     plan,
+    cards,
     estimate,
     score,
     report,

@@ -41,6 +41,20 @@ class WatchEvent(Document):
     )
     text: str = ""
     """remark for the operator"""
+    offset_m: Annotated[list[float], Field(min_length=2, max_length=2)] | None = Field(
+        default=None, description="(x, y) in W of the object from its planned place [m], if it is determined"
+    )
+    yaw_error_rad: float | None = Field(
+        default=None, description="turn about W's z from the planned orientation, anticlockwise from above"
+    )
+    outline_px: list[list[float]] | None = Field(
+        default=None,
+        description="outline of the object as planned, in image pixels; null if no strike is expected",
+    )
+    moving_fraction: float | None = Field(
+        default=None,
+        description="fraction of the pixels in and around the outline that changed since the image before",
+    )
 
 
 _LogTime = Annotated[int, Field(ge=0, lt=1 << 63)]
@@ -65,6 +79,26 @@ class JudgeRequest(Document):
     """log time of the contact [ns]; 0 if the striker measured none"""
 
 
+MAX_CURVE_POINTS = 200
+"""largest number of points of a strike's curve"""
+
+_Points = Annotated[list[float], Field(max_length=MAX_CURVE_POINTS)]
+
+
+class StrikeCurve(Document):
+    """Tipping angle over time of a strike, measured and fitted, thinned out for a drawing.
+
+    Times are seconds after the first contact or, if that is not known, after the first point.
+    """
+
+    time_s: _Points
+    theta_rad: _Points
+    """measured tipping angle since rest [rad]"""
+    fit_time_s: _Points = Field(default=[])
+    fit_rad: _Points = Field(default=[])
+    """tipping angle of the fitted motion [rad]; empty if none was fitted"""
+
+
 class StrikeVerdict(Document):
     """Verdict on a strike (good, or a reason why not) with numbers; the answer of `analyze watch`.
 
@@ -87,6 +121,8 @@ class StrikeVerdict(Document):
     )
     contact_time_sd_ns: float | None = None
     """1 sigma of contact_time_ns [ns]; null if that is"""
+    curve: StrikeCurve | None = None
+    """tipping angle over time; null if the object was not followed"""
 
 
 class AdviceRequest(Document):

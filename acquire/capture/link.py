@@ -17,6 +17,7 @@ from acquire import errors
 from acquire.camera.base import CameraInfo
 from acquire.capture import wire
 from acquire.capture.heartbeat import SILENCE_S, HeartbeatListener
+from acquire.capture.preview_slot import PreviewMemory, PreviewShape
 from acquire.errors import AcquireError, CaptureGone, RecorderError
 from acquire.recorder.frame_recorder import WindowReport
 from schemas.document import canonical_json
@@ -120,6 +121,14 @@ class CaptureProcess:
         self._sender: threading.Thread | None = None
         self._heartbeat: HeartbeatListener | None = None
         self._hung = False
+        self._preview: PreviewMemory | None = None
+
+    @property
+    def preview(self) -> PreviewMemory:
+        """Memory into which the process copies images for the console; made when it is first used."""
+        if self._preview is None:
+            self._preview = PreviewMemory(PreviewShape(self._rig.camera.width, self._rig.camera.height))
+        return self._preview
 
     @property
     def alive(self) -> bool:
@@ -155,7 +164,7 @@ class CaptureProcess:
         here, there = socket.socketpair()
         read_fd, write_fd = os.pipe()
         try:
-            fds = (there.fileno(), write_fd)
+            fds = (there.fileno(), write_fd, self.preview.fd)
             command = [*self._command, "--fd", str(fds[0]), "--heartbeat", str(fds[1])]
             self._process = process = subprocess.Popen(command, pass_fds=fds)
         except OSError:
@@ -175,9 +184,8 @@ class CaptureProcess:
         self._sender = threading.Thread(target=self._send_batches, name="capture-batches")
         self._sender.start()
         try:
-            return CameraInfo(
-                **self._call({"op": "start", "rig": self._rig.model_dump_json()}, timeout_s=START_TIMEOUT_S)
-            )
+            header = {"op": "start", "rig": self._rig.model_dump_json(), "preview_fd": self.preview.fd}
+            return CameraInfo(**self._call(header, timeout_s=START_TIMEOUT_S))
         except AcquireError as error:
             if isinstance(error, RecorderError):  # no answer at all: `stop` would get none either
                 process.kill()

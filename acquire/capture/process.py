@@ -27,6 +27,7 @@ from acquire.camera.stream import CameraStream
 from acquire.capture import wire
 from acquire.capture.heartbeat import Heartbeat
 from acquire.capture.open_recording import Attachments, OpenRecording, borrowable_frames
+from acquire.capture.preview_slot import PreviewShape, PreviewWriter
 from acquire.clock.clock import Clock, SystemClock
 from acquire.clock.reading import ClockReading
 from acquire.errors import AcquireError, CameraError, ConfigError, RecorderError
@@ -70,6 +71,7 @@ class Capture:
         self._stream: CameraStream | None = None
         self._info: CameraInfo | None = None
         self._recording: OpenRecording | None = None
+        self._preview: PreviewWriter | None = None
         self._error = ""
         self._begun_ns: int | None = None
         """host monotonic time at which the current command arrived; None while there is none"""
@@ -151,6 +153,8 @@ class Capture:
             raise ConfigError(f"rig: {error.errors()[0]['msg']}") from None
         if self._stream is not None:
             self._stream.stop()
+        if (preview_fd := header.get("preview_fd")) is not None and self._preview is None:
+            self._preview = PreviewWriter(preview_fd, PreviewShape(rig.camera.width, rig.camera.height))
         self._stream = CameraStream(
             lambda: self._make_camera(rig.camera, self._clock, borrowable_frames(rig)),
             rig.camera,
@@ -253,6 +257,8 @@ class Capture:
             if recording.first_frame_ns is None:
                 recording.first_frame_ns = recording.anchor + frame.mid_exposure_ns
             recording.frames.add(frame)
+        if self._preview is not None:
+            self._preview.offer(frame)
 
     def _on_clock(self, reading: ClockReading) -> None:
         if (recording := self._recording) is not None:

@@ -1,4 +1,4 @@
-"""Options of `acquire strike`."""
+"""Options of `acquire strike`, and which of them go together."""
 
 from __future__ import annotations
 

@@ -23,10 +23,12 @@ from acquire.capture.link import CaptureProcess
 from acquire.clock.clock import SystemClock
 from acquire.config import RigLimits
 from acquire.daemon.adviser import Adviser
+from acquire.daemon.attendance import Attendance
 from acquire.daemon.live_recording import LiveRecording
 from acquire.daemon.prompts import Prompts
 from acquire.daemon.server import ApiServer, Connection
 from acquire.daemon.service import ServiceManager
+from acquire.daemon.session_board import SessionBoard
 from acquire.daemon.striker_control import StrikerControl
 from acquire.errors import AcquireError, SessionError
 from acquire.striker.base import Striker
@@ -66,6 +68,8 @@ class Daemon:
         self._control = StrikerControl(self._make_striker(), self._recording.require_space)
         self._prompts = Prompts(self._publish)
         self._adviser = Adviser(lambda estimate: self._publish("estimate", estimate.model_dump(mode="json")))
+        self._attendance = Attendance(self._publish, lambda: self._control.stopped)
+        self._board = SessionBoard(self._publish)
         self._server: ApiServer | None = None
         self._stopped_for: Connection | None = None
         self._reviver: threading.Thread | None = None
@@ -99,6 +103,7 @@ class Daemon:
             cleanup.callback(self._server.close)
             cleanup.callback(self._prompts.close)
             cleanup.callback(self._adviser.close)
+            cleanup.callback(self._attendance.close)
             cleanup.callback(self._capture.stop)
             self._camera = self._capture.start()
             cleanup.callback(self._join_reviver)
@@ -146,6 +151,8 @@ class Daemon:
             "watch.judge": self._judge,
             "watch.advise": self._advise,
             "prompt": self._prompts.ask,
+            "session.report": self._board.report,
+            "hold.wait": self._attendance.wait,
         }
         return {name: self._for_owner(handler) for name, handler in owned.items()} | {
             "status": self._status,
@@ -156,6 +163,14 @@ class Daemon:
             "striker.stop": self._stop_striker,
             "watch.latest": self._latest,
             "prompt.answer": self._prompts.answer,
+            "session.status": self._board.status,
+            "session.curve": self._board.curve,
+            "hold": self._attendance.hold,
+            "hold.status": self._attendance.status,
+            "hold.release": self._attendance.release,
+            "attend": self._attendance.attend,
+            "attend.leave": self._attendance.leave,
+            "preview": lambda *_: self._capture.preview.address(),
         }
 
     def _for_owner(self, handler: Callable[[Connection, dict[str, Any]], dict[str, Any]]) -> Any:
@@ -188,6 +203,8 @@ class Daemon:
         self._adviser.close()
         manifest = self._recording.open(connection, params, self._camera)
         self._control.clear_stops(stops)  # a person starts again
+        self._attendance.begin_session()
+        self._board.begin_session()
         connection.on_close.append(lambda: self._owner_left(connection))
         return {"recording_id": manifest.recording_id, "wall_anchor_ns": manifest.wall_anchor_ns}
 
@@ -220,6 +237,7 @@ class Daemon:
 
     def _write_strike(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
         self._recording.write_strike(pb.StrikeRecord(**params))
+        self._attendance.note_strike()
         return {}
 
     # --- striker ---
@@ -269,6 +287,7 @@ class Daemon:
         verdict = (
             watcher.judge(JudgeRequest(kind="judge", **params), timeout) if watcher is not None else None
         )
+        self._board.keep_curve(verdict)
         return {"verdict": verdict.model_dump(mode="json") if verdict else None}
 
     def _advise(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
@@ -280,6 +299,7 @@ class Daemon:
     # --- clients and child processes that ended ---
 
     def _supervise(self) -> None:
+        self._attendance.supervise()
         owner = self._recording.owner
         if isinstance(owner, Connection) and owner is not self._stopped_for and owner.gone:
             self._stopped_for = owner

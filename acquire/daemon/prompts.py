@@ -10,6 +10,10 @@ from typing import Any
 from acquire.daemon.server import Connection
 from acquire.errors import SessionError
 
+ORDERS = ("placed", "skip", "again", "harder")
+"""orders with the answer to a question to place the object: strike it; leave this strike out; repeat the
+strike judged last; strike harder at the next attempt of this strike (then the question is asked again)"""
+
 
 class Prompts:
     """Open questions to the person at the rig, by number.
@@ -36,7 +40,7 @@ class Prompts:
             params: content of the question; its number is added to the event as `prompt_id`.
 
         Returns:
-            The answer: `{"ok": bool, "text": str}`.
+            The answer: `{"ok": bool, "text": str}`, and `order` if it is another than "placed".
 
         Raises:
             SessionError: `kind` or `text` of the question is missing; the daemon stops, or the asking client
@@ -53,6 +57,7 @@ class Prompts:
             while (answer := self._answers[number]) is None:
                 if self._closed or connection.gone:
                     del self._answers[number], self._questions[number]
+                    self._publish("answered", {"prompt_id": number, "ok": False})
                     raise SessionError(
                         "the question was not answered: "
                         "the daemon is stopping, or the client that asked has left"
@@ -72,7 +77,8 @@ class Prompts:
         """Answer an open question on behalf of a client.
 
         Args:
-            params: `prompt_id`, number of the question; `ok`, true unless given; `text`, empty unless given.
+            params: `prompt_id`, number of the question; `ok`, true unless given; `text`, empty unless given;
+                `order`, "placed" unless given: see ORDERS.
 
         Returns:
             An empty JSON object.
@@ -81,11 +87,16 @@ class Prompts:
             SessionError: the question is not open: it was answered already, never asked, or withdrawn because
                 the client that asked has left or the daemon stops.
         """
-        number = int(params["prompt_id"])
+        number, order = int(params["prompt_id"]), str(params.get("order", "placed"))
+        if order not in ORDERS:
+            raise SessionError(f"unknown order {order!r}: one of {', '.join(ORDERS)}")
         with self._changed:
             if self._answers.get(number, {}) is not None:
                 raise SessionError(f"question {number} is not open: it was answered already")
-            self._answers[number] = {"ok": bool(params.get("ok", True)), "text": str(params.get("text", ""))}
+            ok, text = bool(params.get("ok", True)), str(params.get("text", ""))
+            ordered = {} if order == "placed" else {"order": order}
+            self._answers[number] = {"ok": ok, "text": text, **ordered}
+            self._publish("answered", {"prompt_id": number, "ok": ok})
             self._changed.notify_all()
         return {}
 
@@ -94,6 +105,7 @@ class Prompts:
         with self._changed:
             for number, answer in self._answers.items():
                 self._answers[number] = answer or {"ok": False, "text": "stopped on request"}
+                self._publish("answered", {"prompt_id": number, "ok": False})
             self._changed.notify_all()
 
     def close(self) -> None:

@@ -42,7 +42,7 @@ class StrikerControl:
     @property
     def trouble(self) -> str:
         """Reason why the striker refuses to move, a stop request or a fault; empty if there is none."""
-        return "stopped on request" if self._stopped else self._fault
+        return "stopped on request" if self.stopped else self._fault
 
     def note_fault(self, reason: str) -> None:
         """Remember the reason of a striker's fault, for `trouble`, until the striker is homed."""
@@ -101,7 +101,7 @@ class StrikerControl:
         with self._lock:
             self._refuse_when_stopped()
             self.striker.arm()
-            if self._stopped:  # while the striker was armed
+            if self.stopped:  # while the striker was armed
                 self.striker.stop()
                 raise StrikerStopped
         return self._state()
@@ -169,12 +169,13 @@ class StrikerControl:
             self._lock.release()
 
     @property
-    def _stopped(self) -> bool:
+    def stopped(self) -> bool:
+        """True while a stop request forbids motion."""
         return self.stops > self._stops_cleared
 
     def _refuse_when_stopped(self) -> None:
         self._refuse_after_release()
-        if self._stopped:
+        if self.stopped:
             raise StrikerStopped
 
     def _refuse_after_release(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 from dataclasses import dataclass
 
 from schemas.watch_lines import SessionEstimate, StrikeVerdict
@@ -19,6 +20,24 @@ class Started(Event):
 @dataclass(frozen=True)
 class Placed(Event):
     """Event: the operator has placed the object."""
+
+
+class Order(enum.Enum):
+    """Order of the operator in place of a placed object."""
+
+    SKIP = "skip"
+    """leave the planned strike out"""
+    AGAIN = "again"
+    """repeat the strike that was judged last"""
+    HARDER = "harder"
+    """strike harder at the next attempt of this planned strike"""
+
+
+@dataclass(frozen=True)
+class Ordered(Event):
+    """Event: asked to place the object, the operator gave another order."""
+
+    order: Order
 
 
 @dataclass(frozen=True)

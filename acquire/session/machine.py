@@ -40,6 +40,8 @@ from acquire.session.events import (
     Event,
     FileCutShort,
     Judged,
+    Order,
+    Ordered,
     Placed,
     PoseChecked,
     Ready,
@@ -62,6 +64,8 @@ MAX_PLACEMENTS = 3
 """number of rejected placements after which a planned strike is skipped"""
 MAX_FAULTS = 3
 """number of device faults after which the next one ends the session"""
+HARDER_RATIO = 1.15
+"""ratio of tip speeds by which the operator's order "harder" raises that of the next attempt"""
 ENERGY_ACCEPTED = (1.0, 2.5)
 """range of energy ratios (kinetic energy after the strike over the energy needed to reach balance) in which a
 good strike is not repeated"""
@@ -102,6 +106,8 @@ class SessionMachine:
         self.learner = EnergyLearner(plan)
         learn_earlier(self.learner, plan, earlier)
         self._command = 0.0
+        self._raised: dict[str, float] = {}
+        """ratio by which the operator raised the next tip speed, by planned strike"""
         self._struck: Struck | None = None
         self._recorded: Recorded | None = None
         self._attempt = 1 + self._attempts[self.strike.id]
@@ -117,6 +123,11 @@ class SessionMachine:
     def strike_id(self) -> str:
         """Id of the current attempt, unique in the recording: planned strike's id, dot, attempt number."""
         return f"{self.strike.id}.{self._attempt}"
+
+    @property
+    def attempt(self) -> int:
+        """Number of the current attempt at the planned strike, from 1."""
+        return self._attempt
 
     @property
     def progress(self) -> tuple[int, int]:
@@ -184,6 +195,26 @@ class SessionMachine:
         self.state = State.CHECKING_POSE
         return [self._announce(), CheckPose(self.strike)]
 
+    def on_ordered(self, event: Ordered) -> list[Action]:
+        """React to an order of the operator who was asked to place the object.
+
+        Returns:
+            Actions to execute, in order.
+        """
+        match event.order:
+            case Order.SKIP:
+                return self._skip()
+            case Order.HARDER:
+                self._raised[self.strike.id] = self._raised.get(self.strike.id, 1.0) * HARDER_RATIO
+                return self._place(
+                    f"the next strike is {100 * (self._raised[self.strike.id] - 1):.0f} % faster"
+                )
+            case Order.AGAIN:
+                index, attempt = self._last_judged
+                if self._struck is not None and index != self._index:
+                    self._index, self._attempt, self._placements = index, attempt + 1, 0
+                return self._place("again, as ordered")
+
     def on_pose_checked(self, event: PoseChecked) -> list[Action]:
         """React to the checked pose: arm the striker, or ask for a better placement.
 
@@ -197,10 +228,7 @@ class SessionMachine:
             return [self._announce(), Arm()]
         self._placements += 1
         if self._placements >= MAX_PLACEMENTS:
-            self._skipped.append(self.strike.id)
-            if self.order is not None:
-                self.order.exclude(self.strike)
-            return self._next()
+            return self._skip()
         return self._place(event.text)
 
     def on_ready(self, _event: Ready) -> list[Action]:
@@ -210,7 +238,8 @@ class SessionMachine:
             Actions to execute, in order.
         """
         self.state = State.STRIKING
-        self._command = self.learner.tip_speed(self.strike)
+        speed = self.learner.tip_speed(self.strike) * self._raised.pop(self.strike.id, 1.0)
+        self._command = min(speed, self.strike.aim.tip_speed_m_s.max)
         return [self._announce(), Strike(self.strike, self.strike_id, self._command)]
 
     def on_striker_failed(self, event: StrikerFailed) -> list[Action]:
@@ -317,6 +346,13 @@ class SessionMachine:
         self._placements = 0
         return [record, *self._place(f"again: {verdict.reason}")]
 
+    def _skip(self) -> list[Action]:
+        """Actions that follow when a planned strike is given up."""
+        self._skipped.append(self.strike.id)
+        if self.order is not None:
+            self.order.exclude(self.strike)
+        return self._next()
+
     def _next(self) -> list[Action]:
         """Actions that follow when the session is done with a planned strike."""
         if self.order is not None:
@@ -341,7 +377,9 @@ _REACTIONS: dict[type, tuple[frozenset[State], Callable[[SessionMachine, Any], l
     StopRequested: (frozenset(), SessionMachine.on_stop_requested),
     Started: (frozenset({State.IDLE}), SessionMachine.on_started),
     Placed: (frozenset({State.PLACING}), SessionMachine.on_placed),
-    PoseChecked: (frozenset({State.CHECKING_POSE}), SessionMachine.on_pose_checked),
+    Ordered: (frozenset({State.PLACING}), SessionMachine.on_ordered),
+    # While arming, after a pause: the object may have been moved.
+    PoseChecked: (frozenset({State.CHECKING_POSE, State.ARMING}), SessionMachine.on_pose_checked),
     Ready: (frozenset({State.ARMING}), SessionMachine.on_ready),
     StrikerFailed: (frozenset({State.ARMING, State.STRIKING}), SessionMachine.on_striker_failed),
     FileCutShort: (
@@ -353,6 +391,9 @@ _REACTIONS: dict[type, tuple[frozenset[State], Callable[[SessionMachine, Any], l
     Struck: (frozenset({State.STRIKING}), SessionMachine.on_struck),
     Recorded: (frozenset({State.RECORDING}), SessionMachine.on_recorded),
     Judged: (frozenset({State.JUDGING}), SessionMachine.on_judged),
-    Advised: (frozenset({State.IDLE, State.JUDGING, State.CHECKING_POSE}), SessionMachine.on_advised),
+    Advised: (
+        frozenset({State.IDLE, State.JUDGING, State.CHECKING_POSE, State.PLACING}),
+        SessionMachine.on_advised,
+    ),
 }
 """states in which each event may come (none named: any state), and the reaction to it"""

@@ -22,11 +22,13 @@ from acquire.errors import (
 from acquire.session import actions, events, waits
 from acquire.session.adaptive import Target
 from acquire.session.earlier import EarlierStrikes
+from acquire.session.holds import wait_while_held
 from acquire.session.machine import SessionMachine, State
 from acquire.session.plan_fit import camera_pose_problem, striker_limit_problem
+from acquire.session.progress import ProgressReporter
 from acquire.session.session_input import SessionInput
 from acquire.session.session_report import SessionReport
-from acquire.session.strike_message import strike_record
+from acquire.session.strike_record import strike_record
 from acquire.striker.base import StrikerState
 from schemas.strike_plan import PlannedStrike
 from schemas.watch_lines import AdviceRequest, SessionEstimate, StrikeVerdict, WatchEvent
@@ -55,6 +57,7 @@ class SessionRunner:
 
     Raises:
         SessionError: without a target, if every planned strike was made before.
+        note: remark to write into the recording; empty for none.
     """
 
     def __init__(
@@ -66,13 +69,15 @@ class SessionRunner:
         servo_timeout_s: float = waits.SERVO_TIMEOUT_S,
         target: Target | None = None,
         earlier: EarlierStrikes | None = None,
+        note: str = "",
     ) -> None:
         self._client = client
-        self._servo_timeout_s = servo_timeout_s
+        self._servo_timeout_s, self._note = servo_timeout_s, note
         self._input = given
         self._output = output
         self._progress = progress
         self._machine = SessionMachine(given.plan, target, earlier)
+        self._status = ProgressReporter(client.call, given, output, lambda: self._machine.progress)
         self._anchor_ns = 0
         self._ordered = 0
         """number of strikes commanded to the striker"""
@@ -118,6 +123,7 @@ class SessionRunner:
         event: events.Event = events.Started()
         try:
             self._report(f"homing the striker{waits.at_most(waits.HOME_TIMEOUT_S)}")
+            self._announce(actions.Announce(State.IDLE, "", 0, self._note))
             self._client.call("striker.home", after_stop=False)
             while True:
                 for action in self._machine.handle(event):
@@ -189,7 +195,7 @@ class SessionRunner:
             case actions.CheckPose(strike=strike):
                 event = self._check_pose(strike)
             case actions.Arm():
-                event = self._arm()
+                event = self._arm_when_released()
             case actions.ClearFault():
                 event = self._clear_fault()
             case actions.Strike():
@@ -210,16 +216,19 @@ class SessionRunner:
             attempt=action.attempt,
             text=action.text,
         )
+        self._status.announce(action)
         name = State.Name(action.state).replace("_", " ").lower()
         self._report(f"{action.strike_id} {name}{waits.longest_in(action.state)} {action.text}".strip())
 
     def _ask_to_place(self, strike: PlannedStrike, hint: str) -> events.Event:
+        self._client.call("watch.expect", plan_strike_id=strike.id)  # for the outline beside the question
         rotation, p = strike.R_world_object, strike.p_world_object
         impact = [sum(rotation[i][j] * strike.aim.impact.point[j] for j in range(3)) + p[i] for i in range(3)]
         answer = self._client.call(
             "prompt",
             kind="place",
             strike_id=strike.id,
+            edge=self._status.edge(strike.id),
             text=strike.card,
             hint=hint,
             R_world_object=rotation,
@@ -227,18 +236,16 @@ class SessionRunner:
             impact_point_world=impact,
             heading_rad=strike.heading_rad,
         )
-        return (
-            events.Placed()
-            if answer["ok"]
-            else events.StopRequested(answer["text"] or "stopped by the operator")
-        )
+        if not answer["ok"]:
+            return events.StopRequested(answer["text"] or "stopped by the operator")
+        order = answer.get("order", "placed")
+        return events.Placed() if order == "placed" else events.Ordered(events.Order(order))
 
     def _check_pose(self, strike: PlannedStrike) -> events.Event:
         since_ns = int(self._client.call("watch.expect", plan_strike_id=strike.id)["now_ns"])
         end = time.monotonic() + waits.POSE_TIMEOUT_S
-        text = "none of the object's markers is in view"
+        text, seen_ns = "none of the object's markers is in view", 0
         alive_until = time.monotonic() + waits.WATCHER_RESTART_S
-        seen_ns = 0
         while time.monotonic() < end:
             answer = self._client.call("watch.latest")
             if answer["alive"]:
@@ -262,6 +269,13 @@ class SessionRunner:
             time.sleep(0.05)
         trouble = self._client.call("status")["trouble"]
         return events.PoseChecked(good=False, text=trouble or text)
+
+    def _arm_when_released(self) -> events.Event:
+        """Arm the striker; after a pause check the pose first, because the object may have been moved."""
+        held = wait_while_held(self._client.call, self._machine, self._status, self._report)
+        if isinstance(held, events.StopRequested):
+            return held
+        return self._check_pose(self._machine.strike) if held else self._arm()
 
     def _arm(self) -> events.Event:
         try:
@@ -321,12 +335,8 @@ class SessionRunner:
             with contextlib.suppress(RecordingBroken):  # this window is not needed
                 self._client.call("window.close")
             return self._striker_failed(error)
-        return events.Struck(
-            contact_time_ns=outcome["contact_time_ns"],
-            contact_time_sd_ns=outcome["contact_time_sd_ns"],
-            tip_speed_m_s=outcome["tip_speed_m_s"],
-            contacts=outcome["contacts"],
-        )
+        names = ("contact_time_ns", "contact_time_sd_ns", "tip_speed_m_s", "contacts")
+        return events.Struck(**{name: outcome[name] for name in names})
 
     def _record_until_rest(self) -> events.Event:
         start = time.monotonic()
@@ -344,11 +354,9 @@ class SessionRunner:
                 end_ns = event["time_ns"]
                 break
         report = self._client.call("window.close", end_ns=end_ns)
-        self._frames += int(report["frames"])
-        self._lost += int(report["lost"])
-        return events.Recorded(
-            int(report["start_ns"]), int(report["end_ns"]), int(report["frames"]), int(report["lost"])
-        )
+        frames, lost = int(report["frames"]), int(report["lost"])
+        self._frames, self._lost = self._frames + frames, self._lost + lost
+        return events.Recorded(int(report["start_ns"]), int(report["end_ns"]), frames, lost)
 
     def _ask_analysis(self, action: actions.Judge | actions.Advise) -> events.Event:
         return self._judge(action) if isinstance(action, actions.Judge) else self._advise(action.request)
@@ -363,8 +371,8 @@ class SessionRunner:
             window_end_ns=action.recorded.window_end_ns,
             contact_time_ns=contact + self._anchor_ns if contact else 0,
             timeout_s=waits.JUDGE_TIMEOUT_S,
-        )
-        return events.Judged(StrikeVerdict.model_validate(answer["verdict"]) if answer["verdict"] else None)
+        )["verdict"]
+        return events.Judged(StrikeVerdict.model_validate(answer) if answer else None)
 
     def _advise(self, request: AdviceRequest) -> events.Event:
         answer = self._client.call("watch.advise", **request.model_dump(), timeout_s=waits.ADVICE_TIMEOUT_S)
@@ -379,9 +387,10 @@ class SessionRunner:
         return events.Advised(estimate)
 
     def _write_record(self, action: actions.WriteRecord) -> None:
-        verdict, record = action.verdict, strike_record(action, self._anchor_ns)
-        self._client.call("recording.strike", **record)
+        verdict = action.verdict
+        self._client.call("recording.strike", **strike_record(action, self._anchor_ns))
         self._kept += 1
-        code = verdict.code.value.replace("_", " ") if verdict else "no verdict"
+        self._status.add_strike(action)
         energy = f", energy ratio {verdict.energy_ratio:.2f}" if verdict and verdict.energy_ratio else ""
+        code = verdict.code.value.replace("_", " ") if verdict else "no verdict"
         self._report(f"{action.strike_id}: {code}{energy}")

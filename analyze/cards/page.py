@@ -20,8 +20,8 @@ from analyze.cards.placing import Sides
 from analyze.cards.scene import scene_picture
 from analyze.cards.setting import Setting, strike_setting
 from analyze.geometry.object_model import ObjectModel
-from analyze.planning.edge_names import edge_names
 from analyze.planning.footing import IF_IT_FALLS
+from schemas.edge_names import edge_names
 from schemas.object_spec import ObjectSpec
 from schemas.output_file import write_text
 from schemas.plain_text import shown_value

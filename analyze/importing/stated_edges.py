@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from analyze.errors import ImportRefused
-from analyze.planning.edge_names import signed_axes
 from analyze.planning.possible_tips import PossibleTip
 from analyze.planning.rim_tangents import TANGENT_NAME
+from schemas.edge_names import signed_axes
 from schemas.wording import counted
 
 LEVELS = {"bottom": "-z", "top": "+z"}

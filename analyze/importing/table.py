@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from analyze.planning.edge_names import edge_names
 from analyze.tags.side_names import side_name
+from schemas.edge_names import edge_names
 from schemas.plain_text import echo
 from schemas.terminal import Terminal
 from schemas.wording import counted

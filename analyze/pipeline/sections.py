@@ -205,6 +205,16 @@ class MeshSections:
         model = self._loaded()
         return 0.0 if model is None else scanned_edge_sd(self._spec, model, planned)
 
+    def hull_vertices(self) -> Array | None:
+        """Vertices (n, 3) of the object's convex hull [m], in O; None for a cloud or an unavailable shape."""
+        if self._spec.shape.file is None:
+            try:
+                return load_object_model(self._spec, None, self._spec.name).hull_vertices
+            except ShapeError:
+                return None
+        model = self._loaded()
+        return None if model is None else model.hull_vertices
+
     def _loaded(self) -> ObjectModel | None:
         """The object's exterior, loaded at the first call; None if it was not available at that call."""
         if not self._load_tried:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.pipeline.filling import filling_label
-from analyze.planning.edge_names import edge_names
 from analyze.result.assessment import assessment
 from analyze.result.filling import filling_document, filling_warnings
 from analyze.result.fixture import fixture_document
@@ -25,6 +24,7 @@ from analyze.result.tilt import table_tilts
 from analyze.result.trust import robustness_documents
 from analyze.result.warnings import result_warnings
 from schemas.document import sha256_text
+from schemas.edge_names import edge_names
 from schemas.quantity import Quantity
 from schemas.result import (
     AxisMoment,

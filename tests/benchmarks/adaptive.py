@@ -34,7 +34,7 @@ from analyze.pipeline.frame_rate import stated_scale
 from analyze.pipeline.next_strike import Progress, Target, choose_strike, reached, stopping_checks
 from analyze.pipeline.solved import SolvedStrikes, body_cells, solve_strikes
 from analyze.pipeline.strike_forecast import strike_forecast
-from analyze.planning.edge_names import edge_names
+from schemas.edge_names import edge_names
 from schemas.strike_result import Verdict
 from tests.benchmarks.honesty.bodies import MAKERS
 from tests.benchmarks.honesty.described import DRAWS, description

@@ -38,8 +38,8 @@ from analyze.pipeline.read_evidence import (
 )
 from analyze.pipeline.solved import SolvedStrikes, body_cells, solve_strikes
 from analyze.pipeline.strike_forecast import strike_forecast
-from analyze.planning.edge_names import edge_names
 from analyze.types import TENSOR_ENTRIES
+from schemas.edge_names import edge_names
 from schemas.watch_lines import (
     AdviceRequest,
     NextStrike,

@@ -17,6 +17,8 @@ from analyze.pipeline.sections import MeshSections
 from analyze.tracking.camera_model import pixel_map
 from analyze.tracking.marker import families_of
 from analyze.tracking.track import track_markers
+from analyze.verbs.watch.curve import strike_curve
+from analyze.verbs.watch.wanted_place import WantedPlace
 from schemas.strike_result import Verdict
 from schemas.tags import name_order
 from schemas.watch_lines import JudgeRequest, SeenMarker, StrikeVerdict, WatchEvent
@@ -90,6 +92,7 @@ class Observer:
         self._families = families_of(self._by_id)
         self._strikes: dict[str, PlannedStrike] = {strike.id: strike for strike in plan.strikes}
         self._expected: PlannedStrike | None = None
+        self._wanted: WantedPlace | None = None
         self._scenes: deque[Scene] = deque(maxlen=12)
         self._seen: deque[Scene] = deque()
         """scenes of the images that are kept"""
@@ -107,7 +110,12 @@ class Observer:
 
         An id that the plan does not have ends the comparison.
         """
-        self._expected = self._strikes.get(plan_strike_id)
+        self._expected = planned = self._strikes.get(plan_strike_id)
+        self._wanted = None
+        if planned is not None:
+            hull = None if self._sections is None else self._sections.hull_vertices()
+            camera = turned_camera(self._camera, planned.heading_rad)
+            self._wanted = WantedPlace(planned, camera, self._by_id, hull)
 
     def keep(self, image: StoredImage) -> None:
         """Keep an image for verdicts without evaluating it; images more than `KEPT_NS` older are dropped."""
@@ -143,6 +151,7 @@ class Observer:
                 scene, self._by_id, turned_camera(self._camera, self._expected.heading_rad), self._expected
             )
             error, text = check.error, check.text
+        wanted = {} if self._wanted is None else self._wanted.compare(self._scenes)
         return WatchEvent(
             time_ns=image.log_time_ns,
             markers=seen,
@@ -150,6 +159,7 @@ class Observer:
             saturated_fraction=scene.saturated_fraction,
             placement_error_rad=error,
             text=text,
+            **wanted,
         )
 
     def judge(self, request: JudgeRequest) -> StrikeVerdict:
@@ -189,7 +199,8 @@ class Observer:
             return unreadable(request, str(error))
         contact = contact_time(motion.fit) if motion.fit else None
         timed = {"contact_time_ns": contact.time_ns, "contact_time_sd_ns": contact.sd_ns} if contact else {}
-        return verdict_of(motion).model_copy(update=timed)
+        start_ns = request.contact_time_ns or (contact.time_ns if contact else None)
+        return verdict_of(motion).model_copy(update={**timed, "curve": strike_curve(motion, start_ns)})
 
     def _judged_span(self, request: JudgeRequest) -> tuple[int, int]:
         """Start and end [ns since 1970] of the images from which to judge a strike.

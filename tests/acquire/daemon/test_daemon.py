@@ -11,8 +11,10 @@ import pytest
 
 from acquire.clock.clock import SystemClock
 from acquire.daemon.adviser import Adviser
+from acquire.daemon.attendance import Attendance
 from acquire.daemon.daemon import Daemon
 from acquire.daemon.prompts import Prompts
+from acquire.daemon.session_board import SessionBoard
 from acquire.daemon.striker_control import StrikerControl
 from acquire.errors import SessionError, StrikerStopped
 from acquire.striker.base import StrikerState
@@ -29,6 +31,8 @@ class Recording:
 def daemon() -> Daemon:
     daemon = Daemon.__new__(Daemon)
     daemon._recording = Recording()  # type: ignore[assignment]
+    daemon._attendance = Attendance(lambda *_: None, lambda: False)
+    daemon._board = SessionBoard(lambda *_: None)
     return daemon
 
 

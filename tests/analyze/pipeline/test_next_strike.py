@@ -24,7 +24,7 @@ from analyze.pipeline.next_strike import (
 )
 from analyze.pipeline.solved import SolvedStrikes, body_cells, solve_strikes
 from analyze.pipeline.strike_forecast import StrikeForecast, strike_forecast
-from analyze.planning.edge_names import edge_names
+from schemas.edge_names import edge_names
 from tests.analyze.simulated_session import carton, session
 
 TARGET = Target(com=5e-4)

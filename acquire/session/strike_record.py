@@ -1,4 +1,4 @@
-"""Message on one strike that a session writes into the recording."""
+"""Record of one strike for the recording, as parameters of the request `recording.strike`."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from acquire.session.actions import WriteRecord
 
 
 def strike_record(action: WriteRecord, anchor_ns: int) -> dict[str, Any]:
-    """Fields of the StrikeRecord message on a strike.
+    """Members of the message StrikeRecord.
 
     Args:
-        action: the strike as it was commanded, made and judged.
+        action: the strike, with what was commanded, measured and judged.
         anchor_ns: log time minus host monotonic time [ns].
     """
-    verdict, strike = action.verdict, action.strike
+    verdict = action.verdict
     contact_ns, contact_sd_ns = _contact(action, anchor_ns)
     record: dict[str, Any] = {
         "strike_id": action.strike_id,
-        "plan_strike_id": strike.id,
+        "plan_strike_id": action.strike.id,
         "attempt": action.attempt,
         "window_start_ns": action.recorded.window_start_ns,
         "window_end_ns": action.recorded.window_end_ns,
@@ -26,9 +26,9 @@ def strike_record(action: WriteRecord, anchor_ns: int) -> dict[str, Any]:
         "contact_time_sd_ns": contact_sd_ns,
         "tip_speed_command_m_s": action.tip_speed_command_m_s,
         "tip_speed_m_s": action.struck.tip_speed_m_s,
-        "R_world_object": [value for row in strike.R_world_object for value in row],
-        "p_world_object": strike.p_world_object,
-        "impact_height_m": strike.aim.impact_height_m,
+        "R_world_object": [value for row in action.strike.R_world_object for value in row],
+        "p_world_object": action.strike.p_world_object,
+        "impact_height_m": action.strike.aim.impact_height_m,
         "choice_text": action.choice_text,
     }
     if verdict is not None:

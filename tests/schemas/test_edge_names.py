@@ -10,7 +10,7 @@ from analyze.cards.drawn_shape import drawn_shape
 from analyze.cards.edge_picture import edge_picture
 from analyze.cards.ink import PIVOT
 from analyze.geometry.object_model import load_object_model
-from analyze.planning.edge_names import edge_names, signed_axes
+from schemas.edge_names import edge_names, signed_axes
 from tests.analyze.estimation.bodies import SIX_AXES, planned_strike
 from tests.analyze.simulated_session import carton, object_spec
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
-import numpy as np
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
 
-from analyze.types import Array
-from schemas.strike_plan import PlannedStrike
+    from schemas.strike_plan import PlannedStrike
 
 SIDE_COMPONENT = 0.5
 """component of a unit normal along an axis of the object file above which a face counts as on that side"""
@@ -37,7 +37,7 @@ def edge_names(strikes: Iterable[PlannedStrike]) -> dict[str, str]:
     return names
 
 
-def signed_axes(direction: Array) -> list[str]:
+def signed_axes(direction: Sequence[float]) -> list[str]:
     """Axes of the object file, such as "+x", within 60 degrees of a unit vector (3,), in order x, y, z."""
     return [
         f"{'+' if component > 0 else '−'}{axis}"
@@ -47,8 +47,8 @@ def signed_axes(direction: Array) -> list[str]:
 
 
 def _bare_name(strike: PlannedStrike) -> str:
-    tip, along, up = np.array(strike.R_world_object)
-    axes = sorted({*signed_axes(-up), *signed_axes(tip)}, key=lambda name: "xyz".index(name[1]))
+    tip, along, up = strike.R_world_object
+    axes = sorted({*signed_axes(_minus(up)), *signed_axes(tip)}, key=lambda name: "xyz".index(name[1]))
     sides = [axis for axis in axes if axis[1] != "z"]
     level = {"+z": "top ", "−z": "bottom "}.get(axes[-1] if axes else "", "")
     if not level and abs(along[2]) > UPRIGHT_COMPONENT:
@@ -58,8 +58,7 @@ def _bare_name(strike: PlannedStrike) -> str:
 
 
 def _side_underneath(strike: PlannedStrike) -> str:
-    down = -np.array(strike.R_world_object)[2]
-    return f"{'/'.join(signed_axes(down)) or strike.plane_id} underneath"
+    return f"{'/'.join(signed_axes(_minus(strike.R_world_object[2]))) or strike.plane_id} underneath"
 
 
 def _axis_id(strike: PlannedStrike) -> str:
@@ -69,3 +68,7 @@ def _axis_id(strike: PlannedStrike) -> str:
 def _place(strike: PlannedStrike) -> str:
     x, y, z = (1e3 * float(each) for each in strike.pivot.point)
     return f"at ({x:.0f}, {y:.0f}, {z:.0f}) mm".replace("-", "−")
+
+
+def _minus(direction: Sequence[float]) -> list[float]:
+    return [-component for component in direction]

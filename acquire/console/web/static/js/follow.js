@@ -1,0 +1,104 @@
+/** View, sign and alarm that belong to a snapshot. Pure functions without access to the page. */
+
+import { isNumber } from "./format.js";
+
+export const VIEWS = ["ready", "place", "strike", "know", "archive"];
+
+/** Texts of the verdicts. */
+const VERDICTS = {
+  good: "good",
+  rocked_back: "rocked back",
+  slid: "slid",
+  rolled: "rolled",
+  twisted: "twisted",
+  airborne: "airborne",
+  struck_twice: "struck twice",
+  marker_lost: "tag lost",
+  not_moved: "not moved",
+  wrong_placement: "wrong placement",
+  wrong_edge: "wrong edge",
+  excluded: "excluded",
+  unreadable: "images unreadable",
+};
+
+/** Verdict in words; a verdict that is not listed, with spaces for its underscores. */
+export const verdictText = (verdict) => VERDICTS[verdict] ?? String(verdict ?? "").replaceAll("_", " ");
+
+/** True if the strike contributes to the estimate. */
+export const isUseful = (strike) => strike.verdict === "good" || strike.used === true;
+
+/** True if the session runs or is paused. */
+export const isRunning = (session) =>
+  Boolean(session) && !["idle", "finished", "aborted"].includes(session.state);
+
+/** Newest strike with a verdict, or null. */
+export function newestStrike(snapshot) {
+  const judged = (snapshot.session?.strikes ?? []).filter((strike) => strike.verdict);
+  return judged.at(-1) ?? null;
+}
+
+/** View in which the session's present step is operated. */
+export function viewFor(snapshot, verdictIsNew) {
+  const session = snapshot.session;
+  if (!session || session.state === "idle") return "ready";
+  if (session.state === "finished" || session.state === "aborted") return "know";
+  if (verdictIsNew) return "strike";
+  if (snapshot.prompt || ["placing", "checking_pose"].includes(session.state)) return "place";
+  return "strike";
+}
+
+function placeSign(prompt) {
+  if (prompt.kind !== "place") return { word: "YOUR TURN", tone: "accent", text: prompt.text };
+  if (prompt.hands_off === false && prompt.in_place === true)
+    return { word: "HANDS OFF", tone: "wait", text: "The object is in place. Take your hands off it." };
+  if (prompt.in_place === true)
+    return { word: "IN PLACE", tone: "good", text: "Press Placed to go on." };
+  return { word: "PLACE", tone: "accent", text: prompt.text };
+}
+
+function armedSign(armed) {
+  const seconds = isNumber(armed?.countdown_s) ? `strikes in ${Math.max(0, armed.countdown_s).toFixed(1)} s` : "";
+  return { word: "ARMED", tone: "armed", text: seconds || "The striker is about to strike. Keep clear." };
+}
+
+/**
+ * Sign for the operator, readable from two metres: a word, its tone and one line of text.
+ *
+ * The newest verdict is shown while `verdictIsNew`, unless the striker is armed.
+ */
+export function signFor(snapshot, verdictIsNew) {
+  const { session, prompt, armed, stop } = snapshot;
+  if (stop?.stopped) return { word: "STOPPED", tone: "stop", text: "Torque off by software." };
+  if (armed || session?.state === "striking") return armedSign(armed);
+  if (!session) return { word: "NO SESSION", tone: "idle", text: "Start one in Ready." };
+  if (session.state === "paused") return { word: "PAUSED", tone: "wait", text: session.paused ?? "" };
+  if (session.state === "finished") return { word: "DONE", tone: "good", text: session.text };
+  if (session.state === "aborted") return { word: "ENDED", tone: "bad", text: session.text };
+  const newest = newestStrike(snapshot);
+  if (verdictIsNew && newest) {
+    if (isUseful(newest)) return { word: "GOOD", tone: "good", text: newest.edge };
+    return { word: "AGAIN", tone: "bad", text: newest.reason || verdictText(newest.verdict) };
+  }
+  if (prompt) return placeSign(prompt);
+  const waits = {
+    placing: ["WAIT", "idle", "The next placement follows."],
+    checking_pose: ["HANDS OFF", "wait", "Checking the placement."],
+    arming: ["HANDS OFF", "wait", "The striker arms now."],
+    recording: ["HANDS OFF", "wait", "The camera records until the object is at rest."],
+    judging: ["HANDS OFF", "wait", "Judging the strike."],
+  };
+  const [word, tone, text] = waits[session.state] ?? ["WAIT", "idle", session.text];
+  return { word, tone, text };
+}
+
+/** Reason why a session may not be started, or "" if it may. */
+export function startObstacle(snapshot) {
+  if (!snapshot.daemon?.running) return "Start the daemon first.";
+  if (isRunning(snapshot.session)) return "A session is running.";
+  if (snapshot.stop?.stopped) return "Home the striker first.";
+  if (snapshot.check?.running) return "The check is running.";
+  return "";
+}
+
+/** True if every check has passed, so that a session needs no override. */
+export const isChecked = (snapshot) => snapshot.check?.passed === true;

@@ -1,0 +1,31 @@
+/** Status bar beside the stop button: frames, losses, disk, progress. */
+
+import { make, rebuild } from "./dom.js";
+import { bytes, fixed, isNumber, minutes } from "./format.js";
+import { isRunning } from "./follow.js";
+
+/** Minutes of recording below which the disk is marked. */
+const LITTLE_DISK_MIN = 10;
+
+function entry(name, value, tone = "") {
+  return make("div", { class: tone || null }, make("dt", {}, name), make("dd", {}, value));
+}
+
+/** Draw the status bar. */
+export function drawStatus(node, snapshot, link) {
+  const { camera, disk, session, striker } = snapshot ?? {};
+  const shown = [
+    ["Frames lost", camera ? String(camera.lost) : "–", camera?.lost > 0 ? "bad" : ""],
+    ["Camera", camera ? `${fixed(camera.fps, 0)} /s` : "none", camera ? "" : "bad"],
+    ["Disk", diskText(disk), isNumber(disk?.minutes_left) && disk.minutes_left < LITTLE_DISK_MIN ? "bad" : ""],
+    ["Striker", striker ? striker.state : "none", striker?.torque ? "wait" : ""],
+  ];
+  if (isRunning(session)) shown.unshift(["Strikes", `${session.done} of ${session.total}`, ""]);
+  if (link !== "open") shown.unshift(["Link", "lost", "bad"]);
+  rebuild(node, shown, () => shown.map((each) => entry(...each)));
+}
+
+function diskText(disk) {
+  if (!disk) return "–";
+  return isNumber(disk.minutes_left) ? minutes(disk.minutes_left) : bytes(disk.free_bytes);
+}

@@ -1,0 +1,97 @@
+/** View Place: placement card beside the live image with the wanted outline, and the measured offset. */
+
+import { byId, make, rebuild, setAttribute, setDisabled, setText, show, svg } from "../dom.js";
+import { isRunning } from "../follow.js";
+import { isNumber, signed } from "../format.js";
+import { Preview } from "../preview.js";
+
+/** Offsets below which a value is green while the session does not report whether the object is in place. */
+const TOLERANCE_MM = 2.0;
+const TOLERANCE_DEG = 1.0;
+
+let page;
+let preview;
+
+/** Connect the view's controls. */
+export function connect(context) {
+  page = context;
+  preview = new Preview(byId("place-image"), byId("place-frame"), byId("place-absent"));
+  byId("place-skip").addEventListener("click", () => answer("skip"));
+  byId("place-pause").addEventListener("click", () => page.order("/api/session/pause", { when: "now" }));
+}
+
+/** Answer the open prompt; nothing without one. */
+export function answer(order) {
+  const prompt = page.latest()?.prompt;
+  if (prompt) return page.order("/api/prompt/answer", { id: prompt.id, ok: true, order });
+  return Promise.resolve(false);
+}
+
+/** Main action of the view: Placed, or Resume while the session is paused. */
+export function action(snapshot) {
+  const { session, prompt } = snapshot;
+  if (session?.state === "paused")
+    return { label: "Resume", problem: "", run: () => page.order("/api/session/resume") };
+  const label = !prompt || prompt.kind === "place" ? "Placed" : "Done";
+  return { label, problem: prompt ? "" : "Nothing is to be placed now.", run: () => answer("placed") };
+}
+
+function drawOutline(prompt, camera) {
+  const plot = byId("outline");
+  const known = Boolean(prompt?.outline_px && camera);
+  show(plot, known);
+  if (!known) return;
+  setAttribute(plot, "viewBox", `0 0 ${camera.width} ${camera.height}`);
+  plot.setAttribute("class", prompt.in_place === true ? "in-place" : "");
+  rebuild(plot, [prompt.outline_px, camera.width], () => {
+    const points = prompt.outline_px.map(([u, v]) => `${u},${v}`).join(" ");
+    return [svg("polygon", { class: "halo", points }), svg("polygon", { class: "line", points })];
+  });
+}
+
+function offset(name, value, unit, good) {
+  const tone = isNumber(value) ? (good ? "good" : "off") : "unknown";
+  const shown = isNumber(value) ? `${signed(value, 1)} ` : "– ";
+  return make("div", { class: tone }, make("dt", {}, name), make("dd", {}, shown, make("small", {}, unit)));
+}
+
+function drawOffsets(prompt) {
+  const [dx, dy] = prompt.offset_mm ?? [null, null];
+  const within = (value, tolerance) => prompt.in_place === true || (isNumber(value) && Math.abs(value) <= tolerance);
+  rebuild(byId("offsets"), [prompt.offset_mm, prompt.angle_deg, prompt.in_place], () => [
+    offset("Offset x", dx, "mm", within(dx, TOLERANCE_MM)),
+    offset("Offset y", dy, "mm", within(dy, TOLERANCE_MM)),
+    offset("Turn", prompt.angle_deg, "deg", within(prompt.angle_deg, TOLERANCE_DEG)),
+  ]);
+}
+
+const STATES = [
+  [(prompt) => prompt.in_place === true && prompt.hands_off, "in place, hands off"],
+  [(prompt) => prompt.in_place === true, "in place, hands still in view"],
+  [(prompt) => prompt.in_place === false, "not in place yet"],
+  [() => true, "placement not measured"],
+];
+
+/** Draw the view. */
+export function draw(snapshot, mayOrder) {
+  const { prompt, session, camera } = snapshot;
+  show(byId("place-grid"), Boolean(prompt));
+  show(byId("place-none"), !prompt);
+  setText(byId("place-none"), isRunning(session) ? session.text : "No session asks for a placement.");
+  setText(byId("place-text"), prompt ? prompt.hint || prompt.text : "");
+  setDisabled(byId("place-skip"), !mayOrder || !prompt);
+  setDisabled(byId("place-pause"), !mayOrder || !isRunning(session) || session.paused !== null);
+  setText(byId("place-absent"), camera ? "The live image does not arrive." : "No camera: place the object by the card.");
+  drawOutline(prompt, camera);
+  if (!prompt) return;
+  drawOffsets(prompt);
+  setText(byId("place-state"), STATES.find(([holds]) => holds(prompt))[1]);
+  setText(byId("card-strike"), [prompt.strike_id, prompt.edge].filter(Boolean).join(" · "));
+  const card = prompt.card.startsWith("/api/") ? prompt.card : null;
+  if (byId("card").getAttribute("src") !== card) setAttribute(byId("card"), "src", card);
+  show(byId("card-open"), card !== null);
+  show(byId("card-none"), card === null);
+}
+
+/** Load the live image while the view is shown. */
+export const setVisible = (visible, snapshot) => preview.set(visible && Boolean(snapshot.prompt), snapshot.camera);

@@ -1,0 +1,147 @@
+/** View Ready: check, session form, camera with its aids, state of the rig. */
+
+import { byId, make, rebuild, setDisabled, setText, show } from "../dom.js";
+import { isChecked, isRunning, startObstacle } from "../follow.js";
+import { bytes, counted, fixed, minutes } from "../format.js";
+import { Preview } from "../preview.js";
+import { connectHistogram, drawAids } from "./aids.js";
+import { checkItems, quiet, summary, urgent } from "./checks.js";
+
+const LEAST_REASON = 3;
+/** Width of the window [px] from which the checks that passed are unfolded at first. */
+const WIDE_PX = 700;
+
+let page;
+let preview;
+
+/** Connect the view's controls; `context` has `order(path, content)`, `latest()` and `redraw()`. */
+export function connect(context) {
+  page = context;
+  preview = new Preview(byId("ready-image"), byId("ready-frame"), byId("ready-absent"));
+  connectHistogram(preview, page.latest);
+  byId("check").addEventListener("click", () => page.order("/api/check"));
+  byId("daemon-start").addEventListener("click", () => page.order("/api/daemon/start"));
+  byId("object").addEventListener("change", page.redraw);
+  byId("check-passed").open = innerWidth >= WIDE_PX;
+  const form = byId("start-form");
+  form.addEventListener("submit", (event) => event.preventDefault());
+  form.addEventListener("input", page.redraw);
+}
+
+const untilChosen = () => byId("start-form").elements.end.value === "until";
+const reason = () => byId("override").value.trim();
+
+/** Target in the form of `--until`: "com=0.5mm,inertia=2%"; "" if no target is given. */
+function target() {
+  const parts = [];
+  if (byId("until-com").value) parts.push(`com=${byId("until-com").value}mm`);
+  if (byId("until-inertia").value) parts.push(`inertia=${byId("until-inertia").value}%`);
+  return parts.join(",");
+}
+
+function startProblem(snapshot) {
+  const obstacle = startObstacle(snapshot);
+  if (obstacle) return obstacle;
+  if (!byId("object").value) return "Choose an object.";
+  if (!byId("plan").value) return "Choose a plan. `analyze plan` makes one for the object.";
+  if (!byId("start-form").checkValidity()) return "Correct the marked field.";
+  if (untilChosen() && !target()) return "Give a target for the centre of mass or the inertia.";
+  if (isChecked(snapshot) || reason().length >= LEAST_REASON) return "";
+  return "The check has not passed: follow its remedies, or give a reason to start anyway.";
+}
+
+async function start(snapshot) {
+  const content = { object_id: byId("object").value, plan_id: byId("plan").value };
+  if (byId("name").value.trim()) content.name = byId("name").value.trim();
+  if (untilChosen()) {
+    content.until = target();
+    if (byId("max-strikes").value) content.max_strikes = Number(byId("max-strikes").value);
+  }
+  if (!isChecked(snapshot)) content.override = reason();
+  if (await page.order("/api/session/start", content)) byId("override").value = "";
+}
+
+/** Main action of the view: start the daemon, check, or start a session. */
+export function action(snapshot) {
+  if (!snapshot.daemon.running)
+    return { label: "Start the daemon", problem: "", run: () => page.order("/api/daemon/start") };
+  if (snapshot.check.passed === null && !reason())
+    return { label: "Check", problem: snapshot.check.running ? "The check is running." : "", run: () => page.order("/api/check") };
+  const label = isChecked(snapshot) ? "Start" : "Start anyway";
+  return { label, problem: startProblem(snapshot), run: () => start(snapshot) };
+}
+
+function options(select, entries, placeholder) {
+  const chosen = select.value;
+  rebuild(select, entries, () =>
+    entries.length > 0
+      ? entries.map(([id, text]) => make("option", { value: id }, text))
+      : [make("option", { value: "" }, placeholder)],
+  );
+  if (entries.some(([id]) => id === chosen)) select.value = chosen;
+}
+
+function drawForm(snapshot, mayOrder) {
+  const { objects, plans } = snapshot.choices;
+  options(byId("object"), objects.map((each) => [each.id, each.name]), "no object file in the folder");
+  const fitting = plans.filter((plan) => plan.object_id === byId("object").value);
+  options(byId("plan"), fitting.map((each) => [each.id, `${each.name} (${counted(each.strikes, "strike")})`]), "no plan for this object");
+  show(byId("until-fields"), untilChosen());
+  const running = isRunning(snapshot.session);
+  show(byId("override-field"), snapshot.daemon.running && snapshot.check.passed === false && !running);
+  for (const control of byId("start-form").elements) if (control.id !== "override") setDisabled(control, !mayOrder || running);
+  setDisabled(byId("override"), !mayOrder);
+  setText(byId("start-note"), mayOrder && snapshot.daemon.running ? startProblem(snapshot) : "");
+}
+
+function drawCheck(snapshot, mayOrder) {
+  const { running, passed, lines } = snapshot.check;
+  const state = running ? "checking…" : passed === null ? "not checked yet" : summary(urgent(lines)) || "nothing to mend";
+  setText(byId("check-summary"), state);
+  setText(byId("check"), passed === null ? "Check" : "Check again");
+  setDisabled(byId("check"), !mayOrder || running || !snapshot.daemon.running);
+  const [loud, silent] = [urgent(lines), quiet(lines)];
+  rebuild(byId("check-lines"), loud, () => checkItems(loud));
+  rebuild(byId("check-passed-lines"), silent, () => checkItems(silent));
+  show(byId("check-lines"), loud.length > 0);
+  show(byId("check-passed"), silent.length > 0);
+  setText(byId("check-passed-count"), summary(silent));
+}
+
+function drawFacts(snapshot) {
+  const { camera, striker, disk } = snapshot;
+  const torque = striker?.torque === null || !striker ? "unknown" : striker.torque ? "on" : "off";
+  const facts = [
+    ["Striker", striker ? `${striker.state}${striker.text ? `: ${striker.text}` : ""}` : "not reported"],
+    ["Torque", torque],
+    ["Frame rate", camera ? `${fixed(camera.fps, 1)} /s` : "no camera"],
+    ["Exposure", camera ? `${fixed(camera.exposure_us, 0)} µs` : "–"],
+    ["Image", camera ? `${camera.width} × ${camera.height} px` : "–"],
+    ["Frames lost", camera ? `${camera.lost} of ${camera.frames}` : "–"],
+    ["Disk", disk ? `${bytes(disk.free_bytes)} free, ${minutes(disk.minutes_left)}` : "–"],
+    ["Daemon", snapshot.daemon.text],
+  ];
+  rebuild(byId("rig-facts"), facts, () => facts.map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))));
+}
+
+/** Draw the view. */
+export function draw(snapshot, mayOrder) {
+  show(byId("no-daemon"), !snapshot.daemon.running);
+  setText(byId("no-daemon-text"), snapshot.daemon.text);
+  setDisabled(byId("daemon-start"), !mayOrder, "Only the operator may start the daemon.");
+  drawCheck(snapshot, mayOrder);
+  drawForm(snapshot, mayOrder);
+  const { camera } = snapshot;
+  setText(byId("camera-model"), camera ? `${camera.model} (${camera.serial})` : "");
+  setText(
+    byId("ready-absent"),
+    camera ? "The live image does not arrive." : snapshot.daemon.running
+      ? "No camera. Check its cable and power, then press Check again."
+      : "The live image follows when the daemon runs.",
+  );
+  drawAids(camera);
+  drawFacts(snapshot);
+}
+
+/** Load the live image while the view is shown. */
+export const setVisible = (visible, snapshot) => preview.set(visible, snapshot.camera);

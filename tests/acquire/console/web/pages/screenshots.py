@@ -1,0 +1,67 @@
+"""Screenshots of the console's pages: every state, at three widths, in light and dark.
+
+Run as `python -m tests.acquire.console.web.pages.screenshots FOLDER [STATE ...]`.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from pathlib import Path
+
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from tests.acquire.console.web.pages.sample_console import SampleConsole, sample_console
+from tests.acquire.console.web.pages.snapshots import states
+
+SIZES = {390: 844, 820: 1180, 1440: 900}
+"""height of the window for each width [px]"""
+SCHEMES = ("light", "dark")
+
+
+def show_state(page: Page, server: SampleConsole, name: str, settle_ms: int = 900) -> None:
+    """Open a page in a state and wait until it has settled."""
+    view, steps = states()[name]
+    server.show(steps[0])
+    page.goto(server.url)
+    page.wait_for_selector("#role:not([hidden])", state="attached")
+    for step in steps[1:]:
+        page.wait_for_timeout(150)
+        server.show(step)
+    page.wait_for_timeout(250)
+    if page.locator(f"#view-{view}").is_hidden():
+        page.click(f"nav [data-view={view}]")
+    page.wait_for_timeout(settle_ms)
+
+
+def take(browser: Browser, server: SampleConsole, folder: Path, names: list[str]) -> None:
+    """Write one PNG per state, width and colour scheme: as seen first, not the whole page."""
+    for width, height in SIZES.items():
+        for scheme in SCHEMES:
+            page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
+            for name in names:
+                show_state(page, server, name)
+                page.screenshot(path=folder / f"{name}-{width}-{scheme}.png")
+                if width < max(SIZES):
+                    tall = page.evaluate("document.documentElement.scrollHeight")
+                    page.set_viewport_size({"width": width, "height": max(height, min(tall, 4000))})
+                    page.wait_for_timeout(150)
+                    page.screenshot(path=folder / f"{name}-{width}-{scheme}-whole.png")
+                    page.set_viewport_size({"width": width, "height": height})
+            page.close()
+
+
+def main(arguments: list[str]) -> None:
+    """Take the screenshots that were asked for."""
+    folder = Path(arguments[0])
+    folder.mkdir(parents=True, exist_ok=True)
+    sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []
+    with sample_console() as server, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=sandbox)
+        take(browser, server, folder, arguments[1:] or list(states()))
+        browser.close()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

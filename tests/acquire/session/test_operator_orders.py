@@ -1,0 +1,122 @@
+"""Orders of the operator in place of a placed object, and the pause before the arming."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from acquire.errors import StrikerStopped
+from acquire.session import actions, events
+from acquire.session import machine as s
+from acquire.session.runner import SessionRunner
+from schemas.strike_result import Verdict
+from tests.acquire.session.test_machine import plan, planned, verdict
+
+
+def session(orders: dict[str, events.Order], strikes: int = 3) -> tuple[list[Any], s.SessionMachine]:
+    """Run a session whose operator gives an order when first asked to place for an attempt.
+
+    Args:
+        orders: order by the id of the attempt that is prompted.
+        strikes: number of planned strikes.
+
+    Returns:
+        Records written: (id, commanded speed); and the machine.
+    """
+    machine = s.SessionMachine(plan(*(planned(f"s{i + 1}", f"a{i}") for i in range(strikes))))
+    given = dict(orders)
+    records: list[Any] = []
+    event: events.Event = events.Started()
+    speed = 0.0
+    while True:
+        ordered = machine.handle(event)
+        records += [
+            (each.strike_id, each.tip_speed_command_m_s)
+            for each in ordered
+            if isinstance(each, actions.WriteRecord)
+        ]
+        match ordered[-1]:
+            case actions.AskToPlace():
+                order = given.pop(machine.strike_id, None)
+                event = events.Placed() if order is None else events.Ordered(order)
+            case actions.CheckPose():
+                event = events.PoseChecked(good=True)
+            case actions.Arm():
+                event = events.Ready()
+            case actions.Strike(tip_speed_m_s=speed):
+                event = events.Struck(1, 1e5, speed, 1)
+            case actions.RecordUntilRest():
+                event = events.Recorded(1, 2, 100, 0)
+            case actions.Judge():
+                event = events.Judged(verdict(Verdict.GOOD, 1.15))
+            case actions.CloseRecording():
+                return records, machine
+
+
+def test_a_strike_is_left_out() -> None:
+    records, machine = session({"s2.1": events.Order.SKIP})
+    assert [each[0] for each in records] == ["s1.1", "s3.1"]
+    assert machine.skipped == ("s2",)
+
+
+def test_the_strike_judged_last_is_repeated() -> None:
+    records, _ = session({"s2.1": events.Order.AGAIN})
+    assert [each[0] for each in records] == ["s1.1", "s1.2", "s2.1", "s3.1"]
+
+
+def test_there_is_nothing_to_repeat_before_the_first_strike() -> None:
+    records, _ = session({"s1.1": events.Order.AGAIN})
+    assert [each[0] for each in records] == ["s1.1", "s2.1", "s3.1"]
+
+
+def test_the_next_attempt_is_harder_once_and_within_the_plan() -> None:
+    (_, plain), *_ = session({}, 1)[0]
+    (_, harder), *_ = session({"s1.1": events.Order.HARDER}, 1)[0]
+    assert harder == pytest.approx(min(plain * s.HARDER_RATIO, 0.9))
+    machine = s.SessionMachine(plan(planned("s1")))
+    machine.handle(events.Started())
+    for _ in range(30):
+        machine.handle(events.Ordered(events.Order.HARDER))
+    machine.handle(events.Placed())
+    machine.handle(events.PoseChecked(good=True))
+    assert machine.handle(events.Ready())[-1].tip_speed_m_s == 0.9
+
+
+def test_a_pause_while_arming_checks_the_pose_again() -> None:
+    machine = s.SessionMachine(plan(planned("s1")))
+    for event in (events.Started(), events.Placed(), events.PoseChecked(good=True)):
+        ordered = machine.handle(event)
+    assert isinstance(ordered[-1], actions.Arm)
+    assert isinstance(machine.handle(events.PoseChecked(good=True))[-1], actions.Arm)
+    assert isinstance(machine.handle(events.PoseChecked(good=False, text="moved"))[-1], actions.AskToPlace)
+
+
+class Held:
+    """Fake daemon that holds the session, and whose wait ends as a test states."""
+
+    def __init__(self, ends: Exception | None) -> None:
+        self.ends, self.calls = ends, []
+
+    def call(self, name: str, **params: Any) -> dict[str, Any]:
+        self.calls.append((name, params))
+        if name == "hold.wait" and self.ends is not None:
+            raise self.ends
+        return {"held": True, "text": "the operator's browser was lost"} if name == "hold.status" else {}
+
+
+@pytest.mark.parametrize("ends", [None, StrikerStopped()])
+def test_a_session_waits_while_it_is_held(ends: Exception | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    runner, daemon, paused = SessionRunner.__new__(SessionRunner), Held(ends), []
+    runner._client = daemon  # type: ignore[assignment]
+    runner._machine = SimpleNamespace(state=s.State.ARMING, strike=planned("s1"), attempt=2)  # type: ignore[assignment]
+    runner._status = SimpleNamespace(pause=paused.append)  # type: ignore[assignment]
+    monkeypatch.setattr(runner, "_report", paused.append)
+    monkeypatch.setattr(runner, "_check_pose", lambda strike: events.PoseChecked(good=True))
+    event = runner._arm_when_released()
+    state = dict(daemon.calls)["recording.state"]
+    assert state["text"] == "paused: the operator's browser was lost"
+    assert (state["strike_id"], state["attempt"]) == ("s1", 2)
+    assert len(paused) == 2
+    assert isinstance(event, events.PoseChecked if ends is None else events.StopRequested)
