@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from acquire.console.web.client import ConsoleClient
     from acquire.daemon.client import DaemonClient
 
-__all__ = ["connect"]
+__all__ = ["connect", "connect_console"]
 
 
 def connect(socket: Path | str | None = None) -> DaemonClient:
@@ -48,3 +49,28 @@ def connect(socket: Path | str | None = None) -> DaemonClient:
     from schemas.rig import DaemonConfig
 
     return DaemonClient(Path(socket) if socket is not None else DaemonConfig().socket_path())
+
+
+def connect_console(socket: Path | str | None = None) -> ConsoleClient:
+    """Connect to the running console (`acquire console`) and return a client of it.
+
+    It can do what the page can: follow a session, answer prompts, start and pause::
+
+        with acquire.connect_console() as console:
+            print(console.state().session)
+            console.stop()  # as every browser may
+            console.take_over()  # become the operator
+            console.pause("after_strike")
+
+    Args:
+        socket: path of the daemon's socket; None for the default, as in a rig file without [daemon] socket.
+
+    Raises:
+        DaemonNotRunning: no console runs for this rig.
+    """
+    from pathlib import Path
+
+    from acquire.console.web.client import ConsoleClient
+    from schemas.rig import DaemonConfig
+
+    return ConsoleClient(Path(socket) if socket is not None else DaemonConfig().socket_path())

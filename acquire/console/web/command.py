@@ -56,9 +56,9 @@ def run_console(options: ConsoleOptions) -> None:
         cleanup.callback(console.close)
         site = Site(console, visitors, f"http://{HOST}:{port}")
         cleanup.callback(site.stopping.shutdown)
-        server = WebServer(make_app(site, port), listener)
+        server = WebServer(make_app(site, port), listener, site.ended)
         key_file = key_path(rig.daemon.socket_path())
-        cleanup.enter_context(_key_for_scripts(key_file, site.address, visitors.add(script=True)))
+        cleanup.enter_context(_key_for_scripts(key_file, site.address, visitors.new_key()))
         address = f"{site.address}/?token={visitors.new_token()}"
         sys.stdout.write(f"console: {address}\n(works once; the page invites further browsers)\n")
         sys.stdout.flush()

@@ -119,15 +119,13 @@ class Gate:
     def _visitor(self, headers: Headers) -> Visitor | None:
         authorization = headers.get("authorization", "")
         if authorization.startswith("Bearer "):
-            visitor = self._visitors.find(authorization.removeprefix("Bearer "))
-            return visitor if visitor is not None and visitor.script else None
+            return self._visitors.find_script(authorization.removeprefix("Bearer "))
         try:
             cookies = SimpleCookie(headers.get("cookie", ""))
         except CookieError:
             return None
         morsel = cookies.get(self._cookie)
-        visitor = None if morsel is None else self._visitors.find(morsel.value)
-        return visitor if visitor is not None and not visitor.script else None
+        return None if morsel is None else self._visitors.find(morsel.value)
 
     def _check_host(self, headers: Headers) -> str:
         hosts = headers.getlist("host")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -39,6 +40,8 @@ class Site:
     visitors: Visitors
     address: str
     """address of the console, as `http://127.0.0.1:8765`"""
+    ended: threading.Event = field(default_factory=threading.Event)
+    """set when the console ends: event streams and live images then end too"""
     stopping: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(4, "console-stop"))
     """threads that only stop the striker: other orders may wait for the rig"""
 
@@ -144,11 +147,13 @@ async def _invite(site: Site, _: Request, __: Any) -> orders.Invitation:
 
 
 async def _events(site: Site, request: Request, _: Any) -> Response:
-    return streams.events(site.backend, site.visitors, request.scope["visitor"], site.viewer)
+    return streams.events(
+        site.backend, site.visitors, request.scope["visitor"], site.viewer, site.ended.is_set
+    )
 
 
 async def _preview_stream(site: Site, _: Request, __: Any) -> Response:
-    return streams.preview(site.backend)
+    return streams.preview(site.backend, site.ended.is_set)
 
 
 async def _preview(site: Site, _: Request, __: Any) -> Response:

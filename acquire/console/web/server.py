@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import signal
 import socket
+import threading
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
@@ -109,23 +110,24 @@ class WebServer:
     Args:
         app: the application.
         listener: listening socket; closed at the end.
+        ended: set when `end` is called, before requests that still run are given up.
     """
 
-    def __init__(self, app: Any, listener: socket.socket) -> None:
-        self._listener = listener
+    def __init__(self, app: Any, listener: socket.socket, ended: threading.Event) -> None:
+        self._listener, self._ended = listener, ended
         self._server = uvicorn.Server(
             uvicorn.Config(
                 app,
                 http=PatientProtocol,
                 ws="none",
                 lifespan="off",
-                log_level="error",
+                log_level="critical",
                 access_log=False,
                 server_header=False,
                 proxy_headers=False,
                 date_header=False,
                 timeout_keep_alive=20,
-                timeout_graceful_shutdown=1,
+                timeout_graceful_shutdown=2,
                 h11_max_incomplete_event_size=MAX_HEAD_BYTES,
             )
         )
@@ -137,6 +139,7 @@ class WebServer:
 
     def end(self, *_: object) -> None:
         """Make `run` return soon; any thread and a signal handler may call it."""
+        self._ended.set()
         self._server.should_exit = True
 
     @property

@@ -26,9 +26,20 @@ BOUNDARY: Final = "percussframe"
 
 
 def events(
-    backend: Backend, visitors: Visitors, visitor: Visitor, viewer: Callable[[Visitor], Viewer]
+    backend: Backend,
+    visitors: Visitors,
+    visitor: Visitor,
+    viewer: Callable[[Visitor], Viewer],
+    ended: Callable[[], bool],
 ) -> StreamingResponse:
     """Stream of server-sent events: the state whenever it has changed, and a heartbeat.
+
+    Args:
+        backend: the rig.
+        visitors: register of browsers.
+        visitor: browser that listens.
+        viewer: function that returns a browser's role.
+        ended: function that returns True when the console ends.
 
     Raises:
         Refusal: the browser has too many streams open.
@@ -41,7 +52,7 @@ def events(
         try:
             yield "retry: 1000\n\n"
             shown, beat_s = None, time.monotonic()
-            while True:
+            while not ended():
                 snapshot = backend.snapshot(viewer(visitor))
                 if (compared := snapshot.model_copy(update={"time_ns": 0})) != shown:
                     shown = compared
@@ -56,12 +67,17 @@ def events(
     return StreamingResponse(lines(), media_type="text/event-stream", headers={"x-accel-buffering": "no"})
 
 
-def preview(backend: Backend) -> StreamingResponse:
-    """Stream of live images; it ends when the browser closes it."""
+def preview(backend: Backend, ended: Callable[[], bool]) -> StreamingResponse:
+    """Stream of live images; it ends when the browser closes it.
+
+    Args:
+        backend: the rig.
+        ended: function that returns True when the console ends.
+    """
 
     async def parts() -> AsyncIterator[bytes]:
         shown = -1
-        while True:
+        while not ended():
             began_s = time.monotonic()
             image = await run_in_threadpool(backend.preview)
             if image is not None and image[0] != shown:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import hmac
 import secrets
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from acquire.console.web.rate_limit import TokenBucket
 
@@ -34,8 +35,10 @@ class Visitor:
     """True for a script, which authenticates with the private key of the console's file"""
     streams: int = 0
     """number of open event streams"""
-    seen_s: float = field(default=0.0)
-    """monotonic time of its last request, or of the end of its last event stream [s]"""
+    seen_s: float = 0.0
+    """monotonic time of its last request [s]"""
+    left_s: float = 0.0
+    """monotonic time of the end of its last event stream, or since which it is the operator [s]"""
 
 
 class Visitors:
@@ -51,6 +54,7 @@ class Visitors:
         self._tokens: list[str] = []
         self._visitors: dict[str, Visitor] = {}
         self._operator: Visitor | None = None
+        self._key: str | None = None
 
     def new_token(self) -> str:
         """Make a token that lets one browser in, once; the oldest unused one lapses if there are many."""
@@ -68,26 +72,52 @@ class Visitors:
             self._tokens.remove(digest)
         return self.add()
 
-    def add(self, *, script: bool = False) -> str:
-        """Register a visitor and return its secret."""
+    def add(self) -> str:
+        """Register a browser and return its secret; the first one is the operator."""
         secret = secrets.token_urlsafe(32)
-        buckets = (TokenBucket(*limit, self._monotonic_s) for limit in (READ_LIMIT, ORDER_LIMIT, STOP_LIMIT))
-        visitor = Visitor(_digest(secret), *buckets, script=script, seen_s=self._monotonic_s())
         with self._lock:
-            self._visitors[visitor.key] = visitor
-            browsers = [each for each in self._visitors.values() if not each.script and not each.streams]
-            if len(self._visitors) > MAX_VISITORS and browsers:
-                oldest = min(browsers, key=lambda each: each.seen_s)
-                del self._visitors[oldest.key]
-            if self._operator is None and not script:
+            visitor = self._register(_digest(secret), script=False)
+            if self._operator is None:
                 self._operator = visitor
         return secret
 
     def find(self, secret: str) -> Visitor | None:
-        """Visitor with a secret; None if there is none. Notes that it was seen."""
+        """Browser with a secret; None if there is none."""
         visitor = self._visitors.get(_digest(secret))
-        if visitor is not None:
-            visitor.seen_s = self._monotonic_s()
+        return self._seen(visitor) if visitor is not None and not visitor.script else None
+
+    def new_key(self) -> str:
+        """Make the key with which scripts of this user authenticate."""
+        key = secrets.token_hex(32)
+        self._key = _digest(key)
+        return key
+
+    def find_script(self, credential: str) -> Visitor | None:
+        """Script with a credential (`KEY.NAME`, a name that it chose); None if the key is wrong."""
+        key, _, name = credential.partition(".")
+        if self._key is None or not name or not hmac.compare_digest(_digest(key), self._key):
+            return None
+        with self._lock:
+            digest = _digest(credential)
+            return self._seen(self._visitors.get(digest) or self._register(digest, script=True))
+
+    def _seen(self, visitor: Visitor) -> Visitor:
+        visitor.seen_s = self._monotonic_s()
+        return visitor
+
+    def _register(self, key: str, *, script: bool) -> Visitor:
+        """Register a visitor; one seen long ago, without a stream, is forgotten if there are many."""
+        buckets = (TokenBucket(*limit, self._monotonic_s) for limit in (READ_LIMIT, ORDER_LIMIT, STOP_LIMIT))
+        visitor = Visitor(key, *buckets, script=script, seen_s=self._monotonic_s())
+        visitor.left_s = visitor.seen_s
+        self._visitors[key] = visitor
+        idle = [
+            each
+            for each in self._visitors.values()
+            if not each.streams and each is not self._operator and each is not visitor
+        ]
+        if len(self._visitors) > MAX_VISITORS and idle:
+            del self._visitors[min(idle, key=lambda each: each.seen_s).key]
         return visitor
 
     # --- roles ---
@@ -100,6 +130,7 @@ class Visitors:
         """Make the visitor the operator, in place of the one before."""
         with self._lock:
             self._operator = visitor
+            visitor.left_s = self._monotonic_s()
 
     def open_stream(self, visitor: Visitor) -> None:
         """Note that the visitor has opened an event stream."""
@@ -110,7 +141,7 @@ class Visitors:
         """Note that an event stream of the visitor has ended."""
         with self._lock:
             visitor.streams -= 1
-            visitor.seen_s = self._monotonic_s()
+            visitor.left_s = self._monotonic_s()
 
     @property
     def operator_present(self) -> bool:
@@ -118,7 +149,7 @@ class Visitors:
         operator = self._operator
         if operator is None:
             return False
-        return operator.streams > 0 or self._monotonic_s() - operator.seen_s < LOST_S
+        return operator.streams > 0 or self._monotonic_s() - operator.left_s < LOST_S
 
     @property
     def watchers(self) -> int:

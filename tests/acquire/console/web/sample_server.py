@@ -176,7 +176,7 @@ def main() -> None:
     visitors, backend = Visitors(), SampleBackend(given.state)
     site = Site(backend, visitors, f"http://127.0.0.1:{port}")
     secret = visitors.add() if given.open else None
-    server = WebServer(SampleSwitch(make_app(site, port), backend, secret, port), listener)
+    server = WebServer(SampleSwitch(make_app(site, port), backend, secret, port), listener, site.ended)
     sys.stdout.write(f"{site.address}/?token={visitors.new_token()}\n")
     sys.stdout.flush()
     with ended_by_signals(server.end):

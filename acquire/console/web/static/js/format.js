@@ -78,5 +78,12 @@ export function dateTime(text) {
   );
 }
 
+/** Text as a sentence: a capital first, and an end. */
+export function sentence(text) {
+  const trimmed = String(text ?? "").trim();
+  if (trimmed === "") return "";
+  return trimmed[0].toUpperCase() + trimmed.slice(1) + (/[.!?…]$/.test(trimmed) ? "" : ".");
+}
+
 /** Count with its noun, "1 strike" or "3 strikes". */
 export const counted = (count, noun) => `${count} ${noun}${count === 1 ? "" : "s"}`;

@@ -25,11 +25,14 @@ const LINK_TEXTS = {
   refused: ["This browser is not let in", "The console was started again, or this browser never had its address. Open the address that `acquire console` prints; each works once."],
 };
 
+const NO_LINK = { word: "NO LINK", tone: "bad", text: "Stop at the striker's switch or plug." };
+
 let snapshot = null;
 let link = "";
 let view = "ready";
 let pinned = false;
 let verdict_until_ms = 0;
+let session_id = null;
 let newest_key = null;
 let sign_word = "";
 let frame = 0;
@@ -37,18 +40,18 @@ let frame = 0;
 const mayOrder = () => link === "open" && snapshot?.role === "operator";
 const verdictIsNew = () => Date.now() < verdict_until_ms;
 
-/** Send an order and show its refusal; returns true if it was carried out. */
+/** Send an order and show its refusal; returns the answer, or null if it was refused. */
 async function order(path, content = {}, timeout_ms = undefined) {
   try {
-    await post(path, content, timeout_ms);
+    const answer = await post(path, content, timeout_ms);
     show(byId("refusal"), false);
-    return true;
+    return answer ?? {};
   } catch (error) {
     if (!(error instanceof OrderError)) throw error;
     setText(byId("refusal-title"), error.message);
     setText(byId("refusal-text"), error.remedy);
     show(byId("refusal"), true);
-    return false;
+    return null;
   }
 }
 
@@ -91,9 +94,9 @@ function applyFollow() {
 }
 
 function drawSign() {
-  const sign = signFor(snapshot, verdictIsNew());
+  const sign = link === "open" ? signFor(snapshot, verdictIsNew()) : NO_LINK;
   const large = document.body.classList.contains("large");
-  const stated = sign.word === "STOPPED" || !snapshot.session;
+  const stated = sign === NO_LINK || sign.word === "STOPPED" || !snapshot.session;
   show(byId("sign"), large || (["place", "strike"].includes(view) && !stated));
   byId("sign").dataset.tone = sign.tone;
   setText(byId("sign-word"), sign.word);
@@ -126,6 +129,7 @@ function currentAction() {
   if (!wanted) return null;
   const watching = snapshot.role === "operator" ? "" : "You are watching.";
   const stopped = snapshot.stop?.stopped && view !== "know" ? "Home the striker first." : "";
+  if (isDialogOpen()) return { ...wanted, problem: "Close the dialog first." };
   return { ...wanted, problem: watching || (link === "open" ? "" : "No connection.") || stopped || wanted.problem };
 }
 
@@ -175,12 +179,12 @@ function draw() {
 }
 
 function onState(received) {
-  const first = snapshot === null;
   snapshot = received;
   estimatesOf(snapshot);
   const newest = newestStrike(snapshot);
   const key = newest && `${snapshot.session.id}/${newest.id}/${newest.verdict}`;
-  if (key !== newest_key && !first && key) {
+  // Verdicts of a session that the page sees for the first time are not new.
+  if (key && key !== newest_key && snapshot.session.id === session_id) {
     verdict_until_ms = Date.now() + VERDICT_MS;
     strike.showNewest();
     setTimeout(() => {
@@ -189,6 +193,7 @@ function onState(received) {
     }, VERDICT_MS + 50);
   }
   newest_key = key;
+  session_id = snapshot.session?.id ?? null;
   applyFollow();
   redraw();
 }

@@ -20,6 +20,7 @@ export function drawStatus(node, snapshot, link) {
     ["Disk", diskText(disk), isNumber(disk?.minutes_left) && disk.minutes_left < LITTLE_DISK_MIN ? "bad" : ""],
     ["Striker", striker ? striker.state : "none", striker?.torque ? "wait" : ""],
   ];
+  if (link !== "open" && snapshot) shown.splice(1, 1);
   if (isRunning(session)) shown.unshift(["Strikes", `${session.done} of ${session.total}`, ""]);
   if (link !== "open") shown.unshift(["Link", "lost", "bad"]);
   rebuild(node, shown, () => shown.map((each) => entry(...each)));

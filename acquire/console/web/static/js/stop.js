@@ -2,7 +2,7 @@
 
 import { confirm } from "./dialogs.js";
 import { byId, setDisabled, setText, show } from "./dom.js";
-import { fixed, isNumber } from "./format.js";
+import { fixed, isNumber, sentence } from "./format.js";
 import { postStop } from "./orders.js";
 
 const NOT_CONFIRMED = "STOP NOT CONFIRMED";
@@ -58,14 +58,15 @@ export function drawStop(snapshot, mayOrder) {
   show(byId("home"), stopped);
   setDisabled(byId("home"), !mayOrder, "Only the operator may home the striker.");
   byId("stopped").classList.toggle("alarm", failed);
+  show(byId("stopped-switch"), !failed);
   if (failed) {
     setText(byId("stopped-title"), NOT_CONFIRMED);
     setText(byId("stopped-text"), USE_SWITCH);
   } else if (stopped) {
     const latency = snapshot.stop.latency_ms;
-    const time = isNumber(latency) ? ` ${fixed(latency, 0)} ms after the press.` : "";
+    const time = isNumber(latency) ? ` Torque off ${fixed(latency, 0)} ms after the press.` : "";
     setText(byId("stopped-title"), "STOPPED");
-    setText(byId("stopped-text"), `${snapshot.stop.text}${time && ` Torque off${time}`}`);
+    setText(byId("stopped-text"), sentence(snapshot.stop.text) + time);
   }
   return stopped || failed;
 }

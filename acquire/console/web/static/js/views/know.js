@@ -3,7 +3,7 @@
 import { byId, make, rebuild, setText, show, svg } from "../dom.js";
 import { AXIS_NAMES, openAxes } from "../ellipse.js";
 import { isRunning } from "../follow.js";
-import { commonPower, counted, decimalsFor, fixed, HALF_WIDTH_95, isNumber, millimetres, percent, powerText } from "../format.js";
+import { commonPower, counted, decimalsFor, fixed, HALF_WIDTH_95, isNumber, millimetres, percent, powerText, sentence } from "../format.js";
 import { estimatesOf } from "../history.js";
 import { get } from "../orders.js";
 import { outlineViews } from "../outlines.js";
@@ -75,7 +75,7 @@ function drawTensor(estimate) {
 }
 
 /** Sentence on the target: value reached, value wanted, and the number of strikes still needed. */
-export function targetText(estimate) {
+export function targetText(estimate, running) {
   const { target, forecast } = estimate;
   const parts = [];
   if (isNumber(target?.com_m))
@@ -86,7 +86,7 @@ export function targetText(estimate) {
   const wanted = parts.join(", ");
   if (target.met) return `Target met: ${wanted}.`;
   if (target.reachable === false) return `The target cannot be reached with this object: ${wanted}.`;
-  if (!forecast) return `So far: ${wanted}.`;
+  if (!forecast || !running) return `So far: ${wanted}.`;
   const { least, most } = forecast;
   const range = least === most ? counted(least, "more strike") : `${least} to ${most} more strikes`;
   return `${range}. So far: ${wanted}.`;
@@ -159,8 +159,8 @@ function drawLinks(session) {
 }
 
 function lead(session, estimate) {
-  if (session?.state === "aborted") return `The session ended early: ${session.text}`;
-  if (session?.state === "finished") return session.text;
+  if (session?.state === "aborted") return `The session ended early: ${sentence(session.text)}`;
+  if (session?.state === "finished") return sentence(session.text);
   if (!estimate) return "";
   return `After ${counted(estimate.strikes, "good strike")}.`;
 }
@@ -176,8 +176,8 @@ export function draw(snapshot) {
   if (!estimate) return;
   drawCom(estimate);
   drawTensor(estimate);
-  setText(byId("target-text"), targetText(estimate));
-  setText(byId("target-reason"), estimate.target?.reason ?? "");
+  setText(byId("target-text"), targetText(estimate, isRunning(session)));
+  setText(byId("target-reason"), sentence(estimate.target?.reason));
   drawProgress(history, estimate);
   drawNext(snapshot, estimate);
   rebuild(byId("outlines"), [history.slice(-5), estimate.hull], () => outlineViews(history, estimate));

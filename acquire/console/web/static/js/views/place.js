@@ -6,8 +6,10 @@ import { isNumber, signed } from "../format.js";
 import { Preview } from "../preview.js";
 
 /** Offsets below which a value is green while the session does not report whether the object is in place. */
-const TOLERANCE_MM = 2.0;
-const TOLERANCE_DEG = 1.0;
+const TOLERANCE_MM = 3.0;
+const TOLERANCE_DEG = 2.0;
+/** Cards are drawn when a session starts; until then they are asked for again after this time [ms]. */
+const CARD_RETRY_MS = 1500;
 
 let page;
 let preview;
@@ -17,14 +19,26 @@ export function connect(context) {
   page = context;
   preview = new Preview(byId("place-image"), byId("place-frame"), byId("place-absent"));
   byId("place-skip").addEventListener("click", () => answer("skip"));
-  byId("place-pause").addEventListener("click", () => page.order("/api/session/pause", { when: "now" }));
+  byId("place-pause").addEventListener("click", () => pauseOrResume("now"));
+  byId("card").addEventListener("error", () => {
+    setTimeout(() => {
+      setAttribute(byId("card"), "src", null);
+      page.redraw();
+    }, CARD_RETRY_MS);
+  });
 }
 
 /** Answer the open prompt; nothing without one. */
 export function answer(order) {
   const prompt = page.latest()?.prompt;
   if (prompt) return page.order("/api/prompt/answer", { id: prompt.id, ok: true, order });
-  return Promise.resolve(false);
+  return Promise.resolve(null);
+}
+
+/** Pause the session, or let it go on if a pause is requested or in force. */
+export function pauseOrResume(when) {
+  if (page.latest()?.session?.paused) return page.order("/api/session/resume");
+  return page.order("/api/session/pause", { when });
 }
 
 /** Main action of the view: Placed, or Resume while the session is paused. */
@@ -80,7 +94,8 @@ export function draw(snapshot, mayOrder) {
   setText(byId("place-none"), isRunning(session) ? session.text : "No session asks for a placement.");
   setText(byId("place-text"), prompt ? prompt.hint || prompt.text : "");
   setDisabled(byId("place-skip"), !mayOrder || !prompt);
-  setDisabled(byId("place-pause"), !mayOrder || !isRunning(session) || session.paused !== null);
+  setDisabled(byId("place-pause"), !mayOrder || !isRunning(session));
+  setText(byId("place-pause"), session?.paused ? "Resume" : "Pause the session");
   setText(byId("place-absent"), camera ? "The live image does not arrive." : "No camera: place the object by the card.");
   drawOutline(prompt, camera);
   if (!prompt) return;

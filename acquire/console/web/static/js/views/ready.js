@@ -2,7 +2,7 @@
 
 import { byId, make, rebuild, setDisabled, setText, show } from "../dom.js";
 import { isChecked, isRunning, startObstacle } from "../follow.js";
-import { bytes, counted, fixed, minutes } from "../format.js";
+import { bytes, counted, fixed, minutes, sentence } from "../format.js";
 import { Preview } from "../preview.js";
 import { connectHistogram, drawAids } from "./aids.js";
 import { checkItems, quiet, summary, urgent } from "./checks.js";
@@ -20,7 +20,7 @@ export function connect(context) {
   preview = new Preview(byId("ready-image"), byId("ready-frame"), byId("ready-absent"));
   connectHistogram(preview, page.latest);
   byId("check").addEventListener("click", () => page.order("/api/check"));
-  byId("daemon-start").addEventListener("click", () => page.order("/api/daemon/start"));
+  byId("invite").addEventListener("click", invite);
   byId("object").addEventListener("change", page.redraw);
   byId("check-passed").open = innerWidth >= WIDE_PX;
   const form = byId("start-form");
@@ -59,6 +59,15 @@ async function start(snapshot) {
   }
   if (!isChecked(snapshot)) content.override = reason();
   if (await page.order("/api/session/start", content)) byId("override").value = "";
+}
+
+/** Show an address with which one more browser can watch. */
+async function invite() {
+  const answer = await page.order("/api/invite");
+  if (!answer?.url) return;
+  byId("invitation").value = answer.url;
+  show(byId("invitation-field"), true);
+  byId("invitation").select();
 }
 
 /** Main action of the view: start the daemon, check, or start a session. */
@@ -127,8 +136,7 @@ function drawFacts(snapshot) {
 /** Draw the view. */
 export function draw(snapshot, mayOrder) {
   show(byId("no-daemon"), !snapshot.daemon.running);
-  setText(byId("no-daemon-text"), snapshot.daemon.text);
-  setDisabled(byId("daemon-start"), !mayOrder, "Only the operator may start the daemon.");
+  setText(byId("no-daemon-text"), sentence(snapshot.daemon.text));
   drawCheck(snapshot, mayOrder);
   drawForm(snapshot, mayOrder);
   const { camera } = snapshot;
@@ -139,6 +147,7 @@ export function draw(snapshot, mayOrder) {
       ? "No camera. Check its cable and power, then press Check again."
       : "The live image follows when the daemon runs.",
   );
+  setDisabled(byId("invite"), !mayOrder, "Only the operator may let another browser in.");
   drawAids(camera);
   drawFacts(snapshot);
 }

@@ -6,7 +6,7 @@ import { byId, make, rebuild, setDisabled, setText, show } from "../dom.js";
 import { isRunning, isUseful, newestStrike, verdictText } from "../follow.js";
 import { fixed, isNumber } from "../format.js";
 import { get } from "../orders.js";
-import { answer } from "./place.js";
+import { answer, pauseOrResume } from "./place.js";
 
 let page;
 /** Strike whose curve is shown; null for the newest. */
@@ -18,9 +18,7 @@ export function connect(context) {
   page = context;
   for (const order of ["again", "harder", "skip"])
     byId(`order-${order}`).addEventListener("click", () => answer(order));
-  byId("order-pause").addEventListener("click", () =>
-    page.order("/api/session/pause", { when: "after_strike" }),
-  );
+  byId("order-pause").addEventListener("click", () => pauseOrResume("after_strike"));
   byId("order-abort").addEventListener("click", () =>
     confirm("End the session?", "The striker is stopped. The recording so far is kept.", "End the session", () =>
       page.order("/api/session/abort"),
@@ -101,7 +99,8 @@ function drawOrders(snapshot, mayOrder) {
   setDisabled(byId("order-again"), !asked || !newest, "Possible when the session asks for a placement.");
   setDisabled(byId("order-harder"), !asked, "Possible when the session asks for a placement.");
   setDisabled(byId("order-skip"), !asked, "Possible when the session asks for a placement.");
-  setDisabled(byId("order-pause"), !mayOrder || !running || session.paused !== null);
+  setDisabled(byId("order-pause"), !mayOrder || !running);
+  setText(byId("order-pause"), session.paused && running ? "Resume" : "Pause after this strike");
   setDisabled(byId("order-abort"), !mayOrder || !running);
   const pausing = running && session.paused !== null && session.state !== "paused";
   const waits = running && !prompt ? "Again, Harder and Skip are possible when the session asks for a placement." : "";
