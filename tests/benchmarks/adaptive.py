@@ -16,6 +16,7 @@ from collections import defaultdict
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -53,6 +54,18 @@ FAR = 2.0
 """half widths from which on a value at the end is a confident wrong answer"""
 
 
+@dataclass(frozen=True)
+class How:
+    """Errors that are drawn, and how strikes are made."""
+
+    errors: str = ERRORS
+    """name of the disturbance"""
+    images: bool = False
+    """True to draw images of every strike and track their tags"""
+    bank: Path | None = None
+    """folder that keeps struck motions"""
+
+
 @dataclass
 class Run:
     """One session: strikes and placements until it ended, and what it then stated."""
@@ -83,16 +96,17 @@ class Run:
 class Session:
     """Session of one body, struck as it is told; its answer so far after every strike."""
 
-    def __init__(self, body: str, seed: int, bank: Bank, images: bool) -> None:
-        disturbance = DISTURBANCES[ERRORS]
+    def __init__(self, body: str, seed: int, how: How) -> None:
+        disturbance = DISTURBANCES[how.errors]
+        self._disturbance = disturbance
         self.made = specimen(body, seed % SPECIMENS)
         described = description(body, disturbance, seed % DRAWS)
         if described is None:
-            raise ValueError(f"{body}: the errors of {ERRORS} do not apply")
+            raise ValueError(f"{body}: the errors of {how.errors} do not apply")
         self.described = described
         self._seed = (0xADA7, seed, list(MAKERS).index(body))
         self.struck = StruckSession(
-            described, self.made, (disturbance, images), bank, np.random.default_rng(self._seed)
+            described, self.made, (disturbance, how.images), Bank(how.bank), np.random.default_rng(self._seed)
         )
         self.plan = described.plan.strikes
         self.names = edge_names(self.plan)
@@ -100,9 +114,7 @@ class Session:
     def evidence(self) -> Evidence:
         """Evidence of the strikes so far; mass and statements are the same at every call."""
         rng = np.random.default_rng((*self._seed, 1))
-        return session_evidence(
-            self.described, self.made, DISTURBANCES[ERRORS], list(self.struck.motions), rng
-        )
+        return session_evidence(self.described, self.made, self._disturbance, list(self.struck.motions), rng)
 
     def solved(self) -> SolvedStrikes | None:
         """Joint solution of the strikes so far; None if they are too few."""
@@ -123,9 +135,9 @@ def score(run: Run, session: Session, solved: SolvedStrikes | None) -> None:
     run.off = (np.abs(off) / (1.96 * np.sqrt(np.diag(com.covariance)))).tolist()
 
 
-def fixed(body: str, seed: int, target: float, bank: Bank, images: bool) -> Run:
+def fixed(body: str, seed: int, target: float, how: How) -> Run:
     """Nine planned strikes in the plan's order, each repeated until it is good."""
-    run, session = Run(body, seed, "fixed", target), Session(body, seed, bank, images)
+    run, session = Run(body, seed, "fixed", target), Session(body, seed, how)
     stands = False
     for strike in session.plan[:FIXED]:
         for _ in range(MAX_ATTEMPTS):
@@ -145,9 +157,9 @@ def fixed(body: str, seed: int, target: float, bank: Bank, images: bool) -> Run:
     return run
 
 
-def adaptive(body: str, seed: int, target: float, bank: Bank, images: bool) -> Run:
+def adaptive(body: str, seed: int, target: float, how: How) -> Run:
     """Session that chooses every strike by the answer so far, and ends when the target is met."""
-    run, session = Run(body, seed, "adaptive", target), Session(body, seed, bank, images)
+    run, session = Run(body, seed, "adaptive", target), Session(body, seed, how)
     aim, last, stands = Target(target), None, False
     first = session.evidence()
     cells = body_cells(first.spec, first.model)
@@ -191,16 +203,15 @@ def adaptive(body: str, seed: int, target: float, bank: Bank, images: bool) -> R
     return run
 
 
-def run_one(task: tuple[str, str, int, float, Path | None, bool]) -> Run:
+def run_one(task: tuple[str, str, int, float, How]) -> Run:
     """Session of one kind, body, seed and target."""
-    kind, body, seed, target, bank, images = task
-    made = adaptive if kind == "adaptive" else fixed
-    return made(body, seed, target, Bank(bank), images)
+    kind, body, seed, target, how = task
+    return (adaptive if kind == "adaptive" else fixed)(body, seed, target, how)
 
 
-def table(runs: list[Run]) -> Table:
+def table(runs: list[Run], errors: str) -> Table:
     """Table of all sessions, one row per target, body and kind."""
-    shown = Table(box=SIMPLE_HEAD, title=f"sessions with the errors of {ERRORS}")
+    shown = Table(box=SIMPLE_HEAD, title=f"sessions with the errors of {errors}")
     for name in (
         "target mm",
         "body",
@@ -241,15 +252,15 @@ def table(runs: list[Run]) -> Table:
 @click.option("--seeds", default=10, show_default=True, help="Number of seeds.")
 @click.option("--first-seed", default=0, show_default=True, help="First seed.")
 @click.option("--until", default="0.5,1", show_default=True, help="Targets [mm], with commas.")
+@click.option("--errors", default=ERRORS, show_default=True, help="Disturbance of bench-honesty to draw.")
 @click.option("--images", is_flag=True, help="Draw images of every strike and track their tags.")
 @click.option("--bank", type=click.Path(path_type=Path), help="Folder that keeps struck motions.")
 @click.option("--jobs", default=2, show_default=True)
-def main(
-    bodies: str, seeds: int, first_seed: int, until: str, images: bool, bank: Path | None, jobs: int
-) -> None:
+def main(bodies: str, seeds: int, first_seed: int, until: str, jobs: int, **given: Any) -> None:
     """Compare sessions that stop themselves with nine fixed strikes."""
+    how, errors = How(**given), given["errors"]
     tasks = [
-        (kind, body, seed, 1e-3 * float(target), bank, images)
+        (kind, body, seed, 1e-3 * float(target), how)
         for target in until.split(",")
         for body in bodies.split(",")
         for seed in range(first_seed, first_seed + seeds)
@@ -258,7 +269,7 @@ def main(
     with ProcessPoolExecutor(jobs) as pool:
         runs = list(pool.map(run_one, tasks))
     console = Console(width=120)
-    console.print(table(runs))
+    console.print(table(runs, errors))
     for run in runs:
         if not run.met or max(run.off, default=0.0) > 1.5:
             worst = max(run.off, default=math.nan)
