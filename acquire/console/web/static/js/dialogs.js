@@ -11,6 +11,7 @@ const COVERED = [".top", "#banners", "#sign", "main"];
 
 let confirmed = null;
 let opener = null;
+let changed = () => {};
 
 /** True while any dialog is open. */
 export const isDialogOpen = () => document.querySelector("dialog[open]") !== null;
@@ -18,6 +19,7 @@ export const isDialogOpen = () => document.querySelector("dialog[open]") !== nul
 function cover(covered) {
   for (const selector of COVERED) document.querySelector(selector).inert = covered;
   show(byId("veil"), covered);
+  changed();
 }
 
 function open(dialog, focused) {
@@ -54,8 +56,9 @@ export function toggleHelp() {
   else open(byId("help"), byId("help-title"));
 }
 
-/** Connect the buttons of all dialogs. */
-export function connectDialogs() {
+/** Connect the buttons of all dialogs; `redraw` is called when one opens or closes. */
+export function connectDialogs(redraw) {
+  changed = redraw;
   for (const id of ["confirm-no", "help-close", "card-close"]) byId(id).addEventListener("click", closeDialogs);
   byId("confirm-yes").addEventListener("click", () => {
     closeDialogs();

@@ -218,7 +218,7 @@ function toggleSound() {
 function start() {
   const context = { order, redraw, goTo: pin, latest: () => snapshot };
   for (const module of Object.values(VIEW_MODULES)) module.connect(context);
-  connectDialogs();
+  connectDialogs(redraw);
   connectOperator(order);
   connectStop(redraw, order);
   connectKeys({ act, follow, toggleLarge, toggleSound, goTo: pin });

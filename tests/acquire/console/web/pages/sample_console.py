@@ -112,6 +112,8 @@ class _Handler(http.server.BaseHTTPRequestHandler):
             self._json({"error": {"kind": "NoOrderHeader", "message": "no header", "remedy": ""}}, 403)
         elif self.path == "/api/stop" and self.server.stop_fails:
             self._json({"error": {"kind": "Silent", "message": "no answer", "remedy": ""}}, 504)
+        elif self.path == "/api/invite":
+            self._json({"url": f"{self.server.url}?token=sample"})
         else:
             self._json({"ok": True})
 

@@ -9,11 +9,14 @@ import pytest
 
 from tests.acquire.console.web.pages.page_rules import FOCUS_ORDER, RULES, STOP
 from tests.acquire.console.web.pages.sample_console import SampleConsole, sample_console
-from tests.acquire.console.web.pages.screenshots import SCHEMES, SIZES, show_state
+from tests.acquire.console.web.pages.screenshots import MOMENTS, SCHEMES, SIZES, show_state
 from tests.acquire.console.web.pages.snapshots import HOSTILE, base, prompt, session, states
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
+
+QUICK = [(390, "light"), (1440, "dark")]
+"""widths and schemes in which every state is looked at also by the short tests"""
 
 
 @pytest.fixture(scope="module")
@@ -39,13 +42,19 @@ def _orders(server: SampleConsole, path: str) -> list[object]:
     return [content for asked, content in server.orders if asked == path]
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("width", SIZES)
+@pytest.mark.parametrize(
+    ("width", "scheme"),
+    [
+        pytest.param(width, scheme, marks=() if (width, scheme) in QUICK else pytest.mark.slow)
+        for width in SIZES
+        for scheme in SCHEMES
+    ],
+)
 def test_every_state_keeps_the_rules(page, server, width, scheme):
     page.set_viewport_size({"width": width, "height": SIZES[width]})
     page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
     broken = {}
-    for name in states():
+    for name in (*states(), *MOMENTS):
         show_state(page, server, name, settle_ms=250)
         for rule, script in RULES.items():
             if found := page.evaluate(script):
