@@ -59,7 +59,8 @@ export function toggleHelp() {
 /** Connect the buttons of all dialogs; `redraw` is called when one opens or closes. */
 export function connectDialogs(redraw) {
   changed = redraw;
-  for (const id of ["confirm-no", "help-close", "card-close"]) byId(id).addEventListener("click", closeDialogs);
+  for (const id of ["confirm-no", "help-close", "card-close"])
+    byId(id).addEventListener("click", closeDialogs);
   byId("confirm-yes").addEventListener("click", () => {
     closeDialogs();
     const run = confirmed;

@@ -47,5 +47,8 @@ export function drawHistogram(plot, shares) {
     return svg("rect", { ...at, class: last ? "bar saturated" : "bar" });
   });
   const [low, high] = PAPER_LEVELS;
-  plot.replaceChildren(svg("rect", { x: low, y: 0, width: high - low, height: HEIGHT, class: "band" }), ...bars);
+  plot.replaceChildren(
+    svg("rect", { x: low, y: 0, width: high - low, height: HEIGHT, class: "band" }),
+    ...bars,
+  );
 }

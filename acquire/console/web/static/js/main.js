@@ -21,8 +21,14 @@ const VIEW_MODULES = { ready, place, strike, know, archive };
 /** Time for which a new verdict stays on the sign [ms]. */
 const VERDICT_MS = 4000;
 const LINK_TEXTS = {
-  lost: ["Connection to the console lost", "The session pauses before its next strike. The page reconnects by itself. Until then, stop at the striker's switch or plug."],
-  refused: ["This browser is not let in", "The console was started again, or this browser never had its address. Open the address that `acquire console` prints; each works once."],
+  lost: [
+    "Connection to the console lost",
+    "The session pauses before its next strike. The page reconnects by itself. Until then, stop at the striker's switch or plug.",
+  ],
+  refused: [
+    "This browser is not let in",
+    "The console was started again, or this browser never had its address. Open the address that `acquire console` prints; each works once.",
+  ],
 };
 
 const NO_LINK = { word: "NO LINK", tone: "bad", text: "Stop at the striker's switch or plug." };
@@ -130,7 +136,10 @@ function currentAction() {
   const watching = snapshot.role === "operator" ? "" : "You are watching.";
   const stopped = snapshot.stop?.stopped && view !== "know" ? "Home the striker first." : "";
   if (isDialogOpen()) return { ...wanted, problem: "Close the dialog first." };
-  return { ...wanted, problem: watching || (link === "open" ? "" : "No connection.") || stopped || wanted.problem };
+  return {
+    ...wanted,
+    problem: watching || (link === "open" ? "" : "No connection.") || stopped || wanted.problem,
+  };
 }
 
 function drawAction() {
@@ -157,7 +166,8 @@ function drawFrame() {
   show(byId("follow"), pinned && isRunning(snapshot?.session));
   setText(byId("session-name"), snapshot?.session ? snapshot.session.object : "");
   const names = { ready: "Ready", place: "Place", strike: "Strike", know: "Know", archive: "Archive" };
-  document.title = sign_word && isRunning(snapshot?.session) ? `${sign_word} – Percuss` : `${names[view]} – Percuss`;
+  document.title =
+    sign_word && isRunning(snapshot?.session) ? `${sign_word} – Percuss` : `${names[view]} – Percuss`;
 }
 
 function draw() {
@@ -175,7 +185,8 @@ function draw() {
   // After the view: the action depends on what its form holds.
   drawAction();
   if (!snapshot) return;
-  for (const [name, module] of Object.entries(VIEW_MODULES)) module.setVisible?.(name === view && link === "open", snapshot);
+  for (const [name, module] of Object.entries(VIEW_MODULES))
+    module.setVisible?.(name === view && link === "open", snapshot);
 }
 
 function onState(received) {

@@ -151,7 +151,8 @@ def prompt(**more: Any) -> dict[str, Any]:
     return {
         "id": 7,
         "kind": "place",
-        "text": "Turn it 90° clockwise, seen from above; then tip it over 90°, its top going away from the striker.",
+        "text": "Turn it 90° clockwise, seen from above; then tip it over 90°, "
+        "its top going away from the striker.",
         "hint": "Tag 12 faces the camera, tag 15 is underneath, tag 14 on top.",
         "strike_id": "s4",
         "edge": "bottom edge, +x side",

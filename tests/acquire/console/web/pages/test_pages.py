@@ -248,13 +248,12 @@ def test_focus_reaches_all_controls_in_order_and_is_seen(page, server):
     show_state(page, server, "place")
     wanted = page.evaluate(FOCUS_ORDER)
     reached = []
+    name = (
+        "(({id, dataset, textContent}) => id || dataset.view || textContent.trim())(document.activeElement)"
+    )
     for _ in wanted:
         page.keyboard.press("Tab")
-        reached.append(
-            page.evaluate(
-                "(({id, dataset, textContent}) => id || dataset.view || textContent.trim())(document.activeElement)"
-            )
-        )
+        reached.append(page.evaluate(name))
         assert page.evaluate("getComputedStyle(document.activeElement).outlineStyle") != "none"
     assert reached == wanted
     assert reached[-1] == "stop"

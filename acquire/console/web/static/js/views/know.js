@@ -3,7 +3,18 @@
 import { byId, make, rebuild, setText, show, svg } from "../dom.js";
 import { AXIS_NAMES, openAxes } from "../ellipse.js";
 import { isRunning } from "../follow.js";
-import { commonPower, counted, decimalsFor, fixed, HALF_WIDTH_95, isNumber, millimetres, percent, powerText, sentence } from "../format.js";
+import {
+  commonPower,
+  counted,
+  decimalsFor,
+  fixed,
+  HALF_WIDTH_95,
+  isNumber,
+  millimetres,
+  percent,
+  powerText,
+  sentence,
+} from "../format.js";
 import { estimatesOf } from "../history.js";
 import { get } from "../orders.js";
 import { outlineViews } from "../outlines.js";
@@ -11,7 +22,11 @@ import { axes, points } from "../plot.js";
 import { checkItems } from "./checks.js";
 
 /** Places of xx, yy, zz, xy, xz, yz in the symmetric matrix. */
-const PLACES = [[0, 3, 4], [3, 1, 5], [4, 5, 2]];
+const PLACES = [
+  [0, 3, 4],
+  [3, 1, 5],
+  [4, 5, 2],
+];
 const AREA = [54, 30, 408, 122];
 
 let page;
@@ -26,7 +41,11 @@ export function connect(context) {
 export function action(snapshot) {
   if (isRunning(snapshot.session)) {
     const view = snapshot.prompt ? "place" : "strike";
-    return { label: snapshot.prompt ? "Place the object" : "Show the strike", problem: "", run: () => page.goTo(view) };
+    return {
+      label: snapshot.prompt ? "Place the object" : "Show the strike",
+      problem: "",
+      run: () => page.goTo(view),
+    };
   }
   return { label: "Next session", problem: "", run: () => page.goTo("ready") };
 }
@@ -34,7 +53,9 @@ export function action(snapshot) {
 function drawCom(estimate) {
   const { com_m: com, com_covariance_m2: covariance } = estimate;
   const open = openAxes(estimate.com_open);
-  const halves = [0, 1, 2].map((axis) => (covariance ? HALF_WIDTH_95 * Math.sqrt(Math.max(0, covariance[axis][axis])) * 1e3 : null));
+  const halves = [0, 1, 2].map((axis) =>
+    covariance ? HALF_WIDTH_95 * Math.sqrt(Math.max(0, covariance[axis][axis])) * 1e3 : null,
+  );
   const digits = decimalsFor(Math.min(...halves.filter((half) => half > 0)), 2);
   rebuild(byId("com-values"), [com, covariance], () =>
     AXIS_NAMES.map((name, axis) => {
@@ -42,10 +63,19 @@ function drawCom(estimate) {
       const unknown = !com || (estimate.com_open ?? []).some((each) => Math.abs(each[axis]) > 0.4);
       const value = unknown ? "not known" : fixed(com[axis] * 1e3, digits);
       const around = unknown || half === null ? "" : `± ${fixed(half, digits)} mm`;
-      return make("div", {}, make("dt", {}, name), make("dd", { class: unknown ? "muted" : null }, value), make("dd", { class: "muted" }, around));
+      return make(
+        "div",
+        {},
+        make("dt", {}, name),
+        make("dd", { class: unknown ? "muted" : null }, value),
+        make("dd", { class: "muted" }, around),
+      );
     }),
   );
-  setText(byId("com-open"), open ? `Not known along ${open} yet: edges of another direction are needed.` : "");
+  setText(
+    byId("com-open"),
+    open ? `Not known along ${open} yet: edges of another direction are needed.` : "",
+  );
 }
 
 function drawTensor(estimate) {
@@ -67,7 +97,12 @@ function drawTensor(estimate) {
         {},
         make("th", { scope: "row" }, AXIS_NAMES[i]),
         ...row.map((place) =>
-          make("td", {}, fixed(tensor[place] / unit, digits), make("small", { class: "muted" }, sds ? ` ± ${fixed(halves[place], digits)}` : "")),
+          make(
+            "td",
+            {},
+            fixed(tensor[place] / unit, digits),
+            make("small", { class: "muted" }, sds ? ` ± ${fixed(halves[place], digits)}` : ""),
+          ),
         ),
       ),
     ),
@@ -79,7 +114,9 @@ export function targetText(estimate, running) {
   const { target, forecast } = estimate;
   const parts = [];
   if (isNumber(target?.com_m))
-    parts.push(`centre of mass ± ${millimetres(estimate.com_half_width_m)} of ± ${millimetres(target.com_m)}`);
+    parts.push(
+      `centre of mass ± ${millimetres(estimate.com_half_width_m)} of ± ${millimetres(target.com_m)}`,
+    );
   if (isNumber(target?.inertia))
     parts.push(`inertia ± ${percent(estimate.inertia_half_width)} of ± ${percent(target.inertia)}`);
   if (parts.length === 0) return "No target: the session makes all strikes of the plan.";
@@ -101,7 +138,9 @@ function drawProgress(history, estimate) {
   const wanted = isNumber(target) ? Math.log10(target * 1e3) : null;
   const all = wanted === null ? logs : [...logs, wanted];
   const range = [Math.min(...all) - 0.15, Math.max(...all) + 0.15];
-  const values = [0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100].filter((mm) => Math.log10(mm) >= range[0] && Math.log10(mm) <= range[1]);
+  const values = [0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100].filter(
+    (mm) => Math.log10(mm) >= range[0] && Math.log10(mm) <= range[1],
+  );
   const strikes = known.map((each) => each.strikes);
   const to = Math.max(...strikes, (estimate.strikes ?? 0) + (estimate.forecast?.most ?? 0)) + 0.4;
   const from = Math.min(...strikes) - 0.4;
@@ -115,10 +154,18 @@ function drawProgress(history, estimate) {
     const parts = [group];
     if (wanted !== null) {
       parts.push(svg("line", { class: "phi", x1: AREA[0], x2: AREA[2], y1: y(wanted), y2: y(wanted) }));
-      parts.push(svg("text", { class: "phi-label", x: AREA[2], y: y(wanted) - 6, "text-anchor": "end" }, "target"));
+      parts.push(
+        svg("text", { class: "phi-label", x: AREA[2], y: y(wanted) - 6, "text-anchor": "end" }, "target"),
+      );
     }
     parts.push(svg("polyline", { class: "fit", points: points(strikes, logs, x, y) }));
-    parts.push(svg("g", { class: "measured" }, ...logs.map((log, i) => svg("circle", { cx: x(strikes[i]), cy: y(log), r: 4 }))));
+    parts.push(
+      svg(
+        "g",
+        { class: "measured" },
+        ...logs.map((log, i) => svg("circle", { cx: x(strikes[i]), cy: y(log), r: 4 })),
+      ),
+    );
     return parts;
   });
 }
@@ -152,9 +199,23 @@ function drawLinks(session) {
   const ended = Boolean(session?.file) && !isRunning(session);
   show(byId("know-links"), ended);
   rebuild(byId("know-links"), [id, session?.file, ended], () => {
-    const link = (text, path, more) => make("a", { class: "button", href: `/api/archive/${encodeURIComponent(id)}/${path}`, ...more }, text);
-    const nodes = id ? [link("Report", "report", { target: "_blank", rel: "noopener" }), link("Download the recording", "download", { download: "" })] : [];
-    return [...nodes, make("span", { class: "replay muted" }, "Replay: ", make("code", {}, `analyze replay ${session?.file}`))];
+    const link = (text, path, more) =>
+      make("a", { class: "button", href: `/api/archive/${encodeURIComponent(id)}/${path}`, ...more }, text);
+    const nodes = id
+      ? [
+          link("Report", "report", { target: "_blank", rel: "noopener" }),
+          link("Download the recording", "download", { download: "" }),
+        ]
+      : [];
+    return [
+      ...nodes,
+      make(
+        "span",
+        { class: "replay muted" },
+        "Replay: ",
+        make("code", {}, `analyze replay ${session?.file}`),
+      ),
+    ];
   });
 }
 
@@ -181,7 +242,11 @@ export function draw(snapshot) {
   drawProgress(history, estimate);
   drawNext(snapshot, estimate);
   rebuild(byId("outlines"), [history.slice(-5), estimate.hull], () => outlineViews(history, estimate));
-  const lines = (estimate.checks ?? []).map((each) => ({ name: each.name, outcome: each.passed ? "pass" : "fail", text: each.text }));
+  const lines = (estimate.checks ?? []).map((each) => ({
+    name: each.name,
+    outcome: each.passed ? "pass" : "fail",
+    text: each.text,
+  }));
   rebuild(byId("estimate-checks"), lines, () => checkItems(lines));
   show(byId("checks-none"), lines.length === 0);
 }
