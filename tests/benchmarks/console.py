@@ -70,6 +70,7 @@ def _move(rig: FaultRig, client: DaemonClient, what: str) -> None:
         except StrikerError:
             if not patience:
                 raise
+            time.sleep(1.0)
             continue
         if what == "cocking":
             rig.in_background(client, "striker.cock")
@@ -98,7 +99,7 @@ def measure(presses: int) -> dict[str, object]:
         )
         cleanup.callback(console.terminate)
         assert console.stdout is not None
-        page = Page(console.stdout.readline().split()[1])
+        page = Page(console.stdout.readline().split()[-1])
         arguments = [page.host, page.cookie, str(BROWSERS)]
         looking = subprocess.Popen(
             [sys.executable, "-m", "tests.benchmarks.console_browsers", *arguments], stdin=subprocess.PIPE

@@ -158,9 +158,9 @@ async def _preview_stream(site: Site, _: Request, __: Any) -> Response:
     return streams.preview(site.backend, site.ended.is_set)
 
 
-async def _preview(site: Site, *_: Any) -> Response:
+async def _preview(site: Site, _: Request, __: Any) -> Response:
     image = await run_in_threadpool(site.backend.preview)
-    for _ in range(PREVIEW_TRIES):
+    for _try in range(PREVIEW_TRIES):
         if image is not None:
             break
         await asyncio.sleep(streams.IMAGE_S)  # the first request makes the images come
