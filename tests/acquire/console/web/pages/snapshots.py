@@ -350,6 +350,8 @@ def states() -> dict[str, tuple[str, list[Snapshot]]]:
             "strike",
             [_with(session=session("striking", "", 3), armed={"countdown_s": 2.1}, **armed, **running)],
         ),
+        "first-armed": ("strike", [_with(session=session("arming", ""), armed={"countdown_s": None})]),
+        "ended-bare": ("know", [_with(session=session("finished", "", 3))]),
         "judging": ("strike", [_with(session=session("judging", "", 3), **running)]),
         "good": (
             "strike",

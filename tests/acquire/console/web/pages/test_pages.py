@@ -15,8 +15,8 @@ from tests.acquire.console.web.pages.snapshots import HOSTILE, base, prompt, ses
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-QUICK = [(390, "light"), (1440, "dark")]
-"""widths and schemes in which every state is looked at also by the short tests"""
+QUICK = [(390, "light")]
+"""width and scheme in which every state is looked at by the short tests, too"""
 
 
 @pytest.fixture(scope="module")
@@ -242,6 +242,27 @@ def test_view_follows_the_session_unless_pinned(page, server):
     assert page.locator("#view-know").is_visible()
     page.keyboard.press("f")
     page.wait_for_selector("#view-strike", state="visible")
+    page.reload()
+    server.show(base() | {"session": session("placing", ""), "prompt": prompt()})
+    page.wait_for_selector("#view-place", state="visible")
+
+
+def test_pedal_leaves_a_verdict_and_the_view_still_follows(page, server):
+    show_state(page, server, "again", settle_ms=200)
+    assert page.inner_text("#sign-word") == "AGAIN"
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#view-place", state="visible")
+    server.show(base() | {"session": session("arming", "", 2)})
+    page.wait_for_selector("#view-strike", state="visible")
+    assert not server.orders
+
+
+def test_trouble_that_was_read_is_not_shown_again(page, server):
+    show_state(page, server, "no-camera")
+    page.click("#trouble-close")
+    assert page.locator("#trouble").is_hidden()
+    server.show(base() | {"trouble": ["12 frames lost"]})
+    page.wait_for_selector("#trouble", state="visible")
 
 
 def test_focus_reaches_all_controls_in_order_and_is_seen(page, server):

@@ -29,6 +29,12 @@ const PLACES = [
 ];
 const AREA = [54, 30, 408, 122];
 
+/** Time after which the ended session's recording is looked for again [ms]. */
+const ARCHIVE_RETRY_MS = 3000;
+
+const FOLLOWS = "The first estimate follows the first good strikes.";
+const NONE = "No estimate was made during the session. The report makes one from the recording.";
+
 let page;
 let recording = { file: null, id: null };
 
@@ -40,11 +46,10 @@ export function connect(context) {
 /** Main action of the view: go to the next session when one has ended. */
 export function action(snapshot) {
   if (isRunning(snapshot.session)) {
-    const view = snapshot.prompt ? "place" : "strike";
     return {
       label: snapshot.prompt ? "Place the object" : "Show the strike",
       problem: "",
-      run: () => page.goTo(view),
+      run: page.follow,
     };
   }
   return { label: "Next session", problem: "", run: () => page.goTo("ready") };
@@ -154,9 +159,7 @@ function drawProgress(history, estimate) {
     const parts = [group];
     if (wanted !== null) {
       parts.push(svg("line", { class: "phi", x1: AREA[0], x2: AREA[2], y1: y(wanted), y2: y(wanted) }));
-      parts.push(
-        svg("text", { class: "phi-label", x: AREA[2], y: y(wanted) - 6, "text-anchor": "end" }, "target"),
-      );
+      parts.push(svg("text", { class: "phi-label", x: AREA[0] + 8, y: y(wanted) - 6 }, "target"));
     }
     parts.push(svg("polyline", { class: "fit", points: points(strikes, logs, x, y) }));
     parts.push(
@@ -187,8 +190,14 @@ function recordingId(session) {
       const found = entries.find((each) => name(each.file) === name(session.file));
       recording.id = found?.id ?? null;
     })
-    .catch(() => {
-      recording.file = null;
+    .catch(() => {})
+    .finally(() => {
+      // The recording gets its name when it is complete: ask again until it is there.
+      if (recording.id === null)
+        setTimeout(() => {
+          recording.file = null;
+          page.redraw();
+        }, ARCHIVE_RETRY_MS);
     })
     .finally(page.redraw);
   return null;
@@ -221,7 +230,7 @@ function drawLinks(session) {
 
 function lead(session, estimate) {
   if (session?.state === "aborted") return `The session ended early: ${sentence(session.text)}`;
-  if (session?.state === "finished") return sentence(session.text);
+  if (session?.state === "finished") return sentence(session.text) || "The session has finished.";
   if (!estimate) return "";
   return `After ${counted(estimate.strikes, "good strike")}.`;
 }
@@ -233,6 +242,7 @@ export function draw(snapshot) {
   setText(byId("know-lead"), lead(session, estimate));
   drawLinks(session);
   show(byId("know-none"), !estimate);
+  setText(byId("know-none"), isRunning(session) ? FOLLOWS : session ? NONE : "No session yet.");
   show(byId("know-grid"), Boolean(estimate));
   if (!estimate) return;
   drawCom(estimate);

@@ -2,7 +2,7 @@
 
 import { byId, make, rebuild, setAttribute, setDisabled, setText, show, svg } from "../dom.js";
 import { isRunning } from "../follow.js";
-import { isNumber, signed } from "../format.js";
+import { isNumber, sentence, signed } from "../format.js";
 import { Preview } from "../preview.js";
 
 /** Offsets below which a value is green while the session does not report whether the object is in place. */
@@ -93,7 +93,7 @@ export function draw(snapshot, mayOrder) {
   show(byId("place-grid"), Boolean(prompt));
   show(byId("place-none"), !prompt);
   setText(byId("place-none"), isRunning(session) ? session.text : "No session asks for a placement.");
-  setText(byId("place-text"), prompt ? prompt.hint || prompt.text : "");
+  setText(byId("place-text"), sentence(prompt?.hint || prompt?.text));
   setDisabled(byId("place-skip"), !mayOrder || !prompt);
   setDisabled(byId("place-pause"), !mayOrder || !isRunning(session));
   setText(byId("place-pause"), session?.paused ? "Resume" : "Pause the session");

@@ -4,7 +4,7 @@ import { drawCurve } from "../curve.js";
 import { confirm } from "../dialogs.js";
 import { byId, make, rebuild, setDisabled, setText, show } from "../dom.js";
 import { isRunning, isUseful, newestStrike, verdictText } from "../follow.js";
-import { fixed, isNumber } from "../format.js";
+import { fixed, isNumber, sentence } from "../format.js";
 import { get } from "../orders.js";
 import { answer, pauseOrResume } from "./place.js";
 
@@ -33,7 +33,7 @@ export function connect(context) {
 export function action(snapshot) {
   if (snapshot.session?.paused)
     return { label: "Resume", problem: "", run: () => page.order("/api/session/resume") };
-  if (snapshot.prompt) return { label: "Place the object", problem: "", run: () => page.goTo("place") };
+  if (snapshot.prompt) return { label: "Place the object", problem: "", run: page.follow };
   return null;
 }
 
@@ -55,7 +55,7 @@ function drawVerdict(strike, session) {
   setText(byId("verdict-title"), `${strike.id}: ${strike.edge}`);
   setText(byId("verdict-tag"), verdictText(strike.verdict));
   byId("verdict-tag").className = `tag ${good ? "pass" : "fail"}`;
-  setText(byId("verdict-reason"), strike.reason);
+  setText(byId("verdict-reason"), sentence(strike.reason));
   const curve = curveOf(strike, session);
   const text = curve
     ? "Dots: measured angle. Line: fit. Shaded: window of the fit. Dashed: balance angle φ."
@@ -134,7 +134,9 @@ export function draw(snapshot, mayOrder) {
   rebuild(byId("strike-rows"), [strikes, shown?.id], () =>
     [...strikes].reverse().map((strike) => row(strike, shown?.id)),
   );
-  show(byId("verdict-title").closest(".panel"), Boolean(shown));
+  for (const id of ["verdict-head", "verdict-reason", "verdict-facts", "curve", "curve-text"])
+    show(byId(id), Boolean(shown));
+  show(byId("verdict-none"), !shown);
   if (shown) drawVerdict(shown, session);
 }
 
