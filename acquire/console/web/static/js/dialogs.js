@@ -1,8 +1,8 @@
 /**
  * Dialogs: confirmation, help, and the enlarged placement card.
  *
- * They are not modal, because a modal dialog would make the stop button inert: everything but the bar with the
- * stop button is made inert here instead.
+ * They are not modal, because a modal dialog would make the stop button inert: everything but the bar with
+ * the stop button is made inert here instead.
  */
 
 import { byId, setAttribute, setText, show } from "./dom.js";

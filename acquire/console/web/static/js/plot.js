@@ -3,7 +3,7 @@
 import { svg } from "./dom.js";
 import { fixed } from "./format.js";
 
-/** Ticks at round values (1, 2 or 5 times a power of ten) from low to high, `count` of them to half as many again. */
+/** Ticks at round values (1, 2 or 5 times a power of ten) from low to high: 0.5 to 1.5 times `count`. */
 export function ticks(low, high, count = 5) {
   const span = high - low;
   if (!(span > 0)) return [low];

@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 
 from acquire.console.web import __file__ as web_file
-from tests.acquire.console.web.pages import snapshots
+from tests.acquire.console.web.pages import results, snapshots
 from tests.source_tree import ROOT
 
 STATIC = Path(web_file).parent / "static"
@@ -97,9 +97,9 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         elif path == "/api/preview.mjpeg":
             self._preview()
         elif path.endswith("/curve"):
-            self._json(snapshots.curve())
+            self._json(results.curve())
         elif path == "/api/archive":
-            self._json(snapshots.archive())
+            self._json(results.archive())
         elif path == "/api/card.png":
             self._send(200, "image/png", (ROOT / "docs/images/card.png").read_bytes())
         else:

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.acquire.console.web.pages.page_rules import FOCUS_ORDER, RULES, STOP
+from tests.acquire.console.web.pages.results import HOSTILE
 from tests.acquire.console.web.pages.sample_console import SampleConsole, sample_console
 from tests.acquire.console.web.pages.screenshots import MOMENTS, SCHEMES, SIZES, show_state
-from tests.acquire.console.web.pages.snapshots import HOSTILE, base, prompt, session, states
+from tests.acquire.console.web.pages.snapshots import base, prompt, session, states
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page

@@ -205,19 +205,14 @@ function recordingId(session) {
 
 function drawLinks(session) {
   const id = recordingId(session);
-  const ended = Boolean(session?.file) && !isRunning(session);
-  show(byId("know-links"), ended);
-  rebuild(byId("know-links"), [id, session?.file, ended], () => {
+  show(byId("know-links"), id !== null);
+  rebuild(byId("know-links"), [id, session?.file], () => {
     const link = (text, path, more) =>
       make("a", { class: "button", href: `/api/archive/${encodeURIComponent(id)}/${path}`, ...more }, text);
-    const nodes = id
-      ? [
-          link("Report", "report", { target: "_blank", rel: "noopener" }),
-          link("Download the recording", "download", { download: "" }),
-        ]
-      : [];
+    if (id === null) return [];
     return [
-      ...nodes,
+      link("Report", "report", { target: "_blank", rel: "noopener" }),
+      link("Download the recording", "download", { download: "" }),
       make(
         "span",
         { class: "replay muted" },
