@@ -60,6 +60,13 @@ class Page:
         assert answer.status == 200, data
 
 
+def _put_arm_first() -> None:
+    """Run this process's threads, the simulated arm among them, before all others: a real arm is not late."""
+    for thread in Path("/proc/self/task").iterdir():
+        with contextlib.suppress(PermissionError):
+            os.setpriority(os.PRIO_PROCESS, int(thread.name), -15)
+
+
 def _move(rig: FaultRig, client: DaemonClient, what: str) -> None:
     """Let the arm move; again if a busy computer made the simulated servo miss its answers."""
     for patience in range(8, -1, -1):
@@ -109,6 +116,7 @@ def measure(presses: int) -> dict[str, object]:
             cleanup.enter_context(program)
             cleanup.callback(program.kill)
         time.sleep(3.0)
+        _put_arm_first()
         pids = {"console": console.pid, "daemon": daemon.pid, "capture": daemon.capture}
         before = {name: _cpu_s(pid) for name, pid in pids.items()}
         began_s, frames = time.monotonic(), client.call("status")
