@@ -13,7 +13,7 @@ OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(basename $(notdir $(OBJECT)))-$(SEED).mcap
 
-.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-honesty bench-adaptive attack bench-world-sessions bench-batch bench-import bench-unplanned bench-world bench-world-strikes protos lock clean
+.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-console bench-honesty bench-adaptive attack bench-world-sessions bench-batch bench-import bench-unplanned bench-world bench-world-strikes protos lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -158,6 +158,10 @@ coverage: setup  ## what the 95 % intervals hold over simulated sessions of rand
 
 bench-estimate: setup  ## CPU time from theta(t) of nine strikes to all results, by stage (a minute)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.estimate_time
+
+PRESSES ?= 200
+bench-console: setup  ## the console beside the capture: press of stop until the arm rests, frames lost, CPU (PRESSES=200) (fifteen minutes)
+	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.console --presses $(PRESSES)
 
 bench-replay: setup  ## a ten-minute, 1 GB session replayed: until the first strike is seen, memory, beside rerun's own MCAP loader (three minutes)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.replay

@@ -36,6 +36,8 @@ OWNERS = {
     "gi": {"acquire/camera/aravis_library.py"},
     "dynamixel_sdk": {"acquire/striker/"},
     "serial": {"acquire/striker/"},
+    "starlette": {"acquire/console/web/"},
+    "uvicorn": {"acquire/console/web/server.py"},
     "rosbags": {"analyze/sources/", "analyze/export/read_back.py"},
     "ruamel": {"analyze/sources/foreign_calibrations.py", "analyze/export/read_back.py"},
     "rerun": {"analyze/replay/"},

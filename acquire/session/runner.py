@@ -38,6 +38,10 @@ POSE_TOLERANCE_RAD = 0.14
 """largest error of a placement [rad]: 8 degrees, far above that of a careful one, far below that of a wrong
 face"""
 
+HANDS_FRACTION = 0.01
+"""fraction of the pixels in and around the object that may change between two images before the striker is
+armed; hands change more"""
+
 Progress = Callable[[str, int, int], None]
 """called with a text, the number of planned strikes done, and the number of all planned strikes"""
 
@@ -260,6 +264,10 @@ class SessionRunner:
                 seen_ns, end = event.time_ns, time.monotonic() + waits.POSE_TIMEOUT_S
             if event is not None and event.time_ns > since_ns and event.markers:
                 error = event.placement_error_rad
+                if (event.moving_fraction or 0.0) > HANDS_FRACTION:
+                    text = "something moves beside the object: take your hands away"
+                    time.sleep(0.05)
+                    continue
                 if event.at_rest and error is not None and error < POSE_TOLERANCE_RAD:
                     return events.PoseChecked(good=True)
                 if event.at_rest and error is None and self._input.lacks_places(event.markers):

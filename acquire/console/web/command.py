@@ -51,19 +51,25 @@ def run_console(options: ConsoleOptions) -> None:
     with contextlib.ExitStack() as cleanup:
         listener = cleanup.enter_context(listen(options.port))
         port = listener.getsockname()[1]
-        visitors = Visitors()
+        address = f"http://{HOST}:{port}"
+
+        def print_address(words: str = "for a further browser") -> str:
+            url = f"{address}/?token={visitors.new_token()}"
+            sys.stdout.write(f"{words}: {url}\n")
+            sys.stdout.flush()
+            return url
+
+        visitors = Visitors(on_redeemed=print_address)
         console = RigConsole(options.rig, recordings, options.objects, lambda: visitors.operator_present)
         cleanup.callback(console.close)
-        site = Site(console, visitors, f"http://{HOST}:{port}")
+        site = Site(console, visitors, address)
         cleanup.callback(site.stopping.shutdown)
         server = WebServer(make_app(site, port), listener, site.ended)
         key_file = key_path(rig.daemon.socket_path())
         cleanup.enter_context(_key_for_scripts(key_file, site.address, visitors.new_key()))
-        address = f"{site.address}/?token={visitors.new_token()}"
-        sys.stdout.write(f"console: {address}\n(works once; the page invites further browsers)\n")
-        sys.stdout.flush()
+        url = print_address("console, for one browser")
         if options.browser:
-            threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+            threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
         with ended_by_signals(server.end):
             server.run()
 

@@ -37,7 +37,7 @@ def openapi_document(routes: Iterable[ApiRoute]) -> dict[str, Any]:
             "title": "Percuss console",
             "version": "1",
             "description": (
-                "Every request needs the console's cookie, or `Authorization: Bearer KEY.NAME` from a script. "
+                "A request needs the console's cookie, or from a script `Authorization: Bearer KEY.NAME`. "
                 "Every POST needs the headers `Origin` and `X-Percuss: 1` and a JSON body."
             ),
         },

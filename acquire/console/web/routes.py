@@ -28,6 +28,8 @@ REPORT_POLICY: Final = (
 """Content-Security-Policy of a report: a page of its own that reaches neither the console nor the network"""
 DRAWING_POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'"
 """Content-Security-Policy of a drawing (SVG): shown as an image, it runs no script"""
+PREVIEW_TRIES: Final = 6
+"""tries to get an image, ten a second"""
 MAX_ID = 80
 """greatest length of an id in an address"""
 
@@ -158,6 +160,11 @@ async def _preview_stream(site: Site, _: Request, __: Any) -> Response:
 
 async def _preview(site: Site, _: Request, __: Any) -> Response:
     image = await run_in_threadpool(site.backend.preview)
+    for _try in range(PREVIEW_TRIES):
+        if image is not None:
+            break
+        await asyncio.sleep(streams.IMAGE_S)  # the first request makes the images come
+        image = await run_in_threadpool(site.backend.preview)
     if image is None:
         raise Refusal(404, "NoImage", "the camera has sent no image yet")
     return Response(image[1], media_type="image/jpeg")

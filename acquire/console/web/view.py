@@ -16,14 +16,13 @@ from acquire.console.web.snapshot import (
     StrikerView,
     StrikeView,
 )
+from acquire.session.runner import HANDS_FRACTION
 from schemas.rig import RigConfig
 
 PLACED_MM: Final = 3.0
 """offset up to which the object counts as in place [mm]: a careful hand's; the pages show it in green"""
 PLACED_DEG: Final = 2.0
 """turn up to which the object counts as in place [deg]"""
-STILL_FRACTION: Final = 0.004
-"""fraction of changed pixels in and around the object above which hands are taken to be there"""
 STILL_S: Final = 0.5
 """time without such changes after which the hands count as off [s]"""
 ARMED: Final = frozenset({"armed", "cocking", "settled"})
@@ -156,7 +155,7 @@ def is_still(watch: dict[str, Any] | None) -> bool:
     if watch is None or not watch["at_rest"]:
         return False
     moving = watch.get("moving_fraction")
-    return moving is None or moving <= STILL_FRACTION
+    return moving is None or moving <= HANDS_FRACTION
 
 
 def _strike_view(strike: dict[str, Any], report: RigReport) -> StrikeView:

@@ -46,10 +46,15 @@ class Visitors:
 
     Args:
         monotonic_s: function that returns a monotonic time [s].
+        on_redeemed: called when a one-time token was exchanged for a cookie.
     """
 
-    def __init__(self, monotonic_s: Callable[[], float] = time.monotonic) -> None:
-        self._monotonic_s = monotonic_s
+    def __init__(
+        self,
+        monotonic_s: Callable[[], float] = time.monotonic,
+        on_redeemed: Callable[[], object] = lambda: None,
+    ) -> None:
+        self._monotonic_s, self._on_redeemed = monotonic_s, on_redeemed
         self._lock = threading.Lock()
         self._tokens: list[str] = []
         self._visitors: dict[str, Visitor] = {}
@@ -70,7 +75,9 @@ class Visitors:
             if digest not in self._tokens:
                 return None
             self._tokens.remove(digest)
-        return self.add()
+        secret = self.add()
+        self._on_redeemed()
+        return secret
 
     def add(self) -> str:
         """Register a browser and return its secret; the first one is the operator."""

@@ -10,9 +10,11 @@ import pytest
 from acquire.errors import StrikerStopped
 from acquire.session import actions, events
 from acquire.session import machine as s
+from acquire.session import runner as session_runner
 from acquire.session.runner import SessionRunner
 from schemas.strike_result import Verdict
 from tests.acquire.session.test_machine import plan, planned, verdict
+from tests.acquire.session.test_runner import Host
 
 
 def session(orders: dict[str, events.Order], strikes: int = 3) -> tuple[list[Any], s.SessionMachine]:
@@ -120,3 +122,26 @@ def test_a_session_waits_while_it_is_held(ends: Exception | None, monkeypatch: p
     assert (state["strike_id"], state["attempt"]) == ("s1", 2)
     assert len(paused) == 2
     assert isinstance(event, events.PoseChecked if ends is None else events.StopRequested)
+
+
+@pytest.mark.parametrize(("moving", "good"), [(None, True), (0.0, True), (0.3, False)])
+def test_the_striker_is_not_armed_while_hands_move(
+    monkeypatch: pytest.MonkeyPatch, moving: float | None, good: bool
+) -> None:
+    host = Host()
+    monkeypatch.setattr(session_runner, "time", host)
+
+    def call(name: str, **_: Any) -> dict[str, Any]:
+        host.sleep(0.001)
+        now_ns = host.monotonic_ns()
+        seen = {"id": 7, "corners_px": [[0.0, 0.0]] * 4}
+        event = {"time_ns": now_ns, "markers": [seen], "at_rest": True, "saturated_fraction": 0.0}
+        event |= {"placement_error_rad": 0.01, "moving_fraction": moving}
+        return {"now_ns": now_ns, "alive": True, "event": event, "trouble": ""}
+
+    runner = SessionRunner.__new__(SessionRunner)
+    runner._client = SimpleNamespace(call=call)  # type: ignore[assignment]
+    checked = runner._check_pose(planned("s1"))
+    assert isinstance(checked, events.PoseChecked)
+    assert checked.good is good
+    assert ("take your hands away" in checked.text) is not good

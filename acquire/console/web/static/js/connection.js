@@ -1,8 +1,8 @@
 /**
  * Stream of snapshots from /api/events.
  *
- * It is read with `fetch`, not EventSource: comment lines, which the console sends every second, count as signs
- * of life here, so that a connection that died in silence is noticed within `SILENCE_MS`.
+ * It is read with `fetch`, not EventSource: comment lines, which the console sends every second, count as
+ * signs of life here, so that a connection that died in silence is noticed within `SILENCE_MS`.
  */
 
 const SILENCE_MS = 3500;

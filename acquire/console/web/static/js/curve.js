@@ -31,12 +31,18 @@ export function drawCurve(plot, curve) {
   const parts = [];
   if (curve.window_s?.length === 2) {
     const [from, to] = curve.window_s.map((value) => Math.min(right, Math.max(left, x(value))));
-    parts.push(svg("rect", { class: "window", x: from, y: top, width: Math.max(0, to - from), height: bottom - top }));
+    parts.push(
+      svg("rect", { class: "window", x: from, y: top, width: Math.max(0, to - from), height: bottom - top }),
+    );
   }
   parts.push(group);
   const [xs, ys] = [thinned(curve.time_s), thinned(curve.theta_deg)];
   parts.push(
-    svg("g", { class: "measured" }, ...xs.map((value, i) => svg("circle", { cx: x(value).toFixed(1), cy: y(ys[i]).toFixed(1), r: 2.6 }))),
+    svg(
+      "g",
+      { class: "measured" },
+      ...xs.map((value, i) => svg("circle", { cx: x(value).toFixed(1), cy: y(ys[i]).toFixed(1), r: 2.6 })),
+    ),
     svg("polyline", { class: "fit", points: points(curve.fit_time_s, curve.fit_deg, x, y) }),
   );
   if (phi.length > 0) {
@@ -44,7 +50,9 @@ export function drawCurve(plot, curve) {
     parts.push(svg("line", { class: "phi", x1: left, x2: right, y1: at, y2: at }));
     // Beside the curve's start, where the angle is still far below the balance angle.
     const above = at - top > 24 ? -8 : 18;
-    parts.push(svg("text", { class: "phi-label", x: left + 10, y: at + above }, `φ = ${fixed(curve.phi_deg, 2)}°`));
+    parts.push(
+      svg("text", { class: "phi-label", x: left + 10, y: at + above }, `φ = ${fixed(curve.phi_deg, 2)}°`),
+    );
   }
   plot.replaceChildren(...parts);
 }

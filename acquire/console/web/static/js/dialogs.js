@@ -1,8 +1,8 @@
 /**
  * Dialogs: confirmation, help, and the enlarged placement card.
  *
- * They are not modal, because a modal dialog would make the stop button inert: everything but the bar with the
- * stop button is made inert here instead.
+ * They are not modal, because a modal dialog would make the stop button inert: everything but the bar with
+ * the stop button is made inert here instead.
  */
 
 import { byId, setAttribute, setText, show } from "./dom.js";
@@ -11,6 +11,7 @@ const COVERED = [".top", "#banners", "#sign", "main"];
 
 let confirmed = null;
 let opener = null;
+let changed = () => {};
 
 /** True while any dialog is open. */
 export const isDialogOpen = () => document.querySelector("dialog[open]") !== null;
@@ -18,6 +19,7 @@ export const isDialogOpen = () => document.querySelector("dialog[open]") !== nul
 function cover(covered) {
   for (const selector of COVERED) document.querySelector(selector).inert = covered;
   show(byId("veil"), covered);
+  changed();
 }
 
 function open(dialog, focused) {
@@ -54,9 +56,11 @@ export function toggleHelp() {
   else open(byId("help"), byId("help-title"));
 }
 
-/** Connect the buttons of all dialogs. */
-export function connectDialogs() {
-  for (const id of ["confirm-no", "help-close", "card-close"]) byId(id).addEventListener("click", closeDialogs);
+/** Connect the buttons of all dialogs; `redraw` is called when one opens or closes. */
+export function connectDialogs(redraw) {
+  changed = redraw;
+  for (const id of ["confirm-no", "help-close", "card-close"])
+    byId(id).addEventListener("click", closeDialogs);
   byId("confirm-yes").addEventListener("click", () => {
     closeDialogs();
     const run = confirmed;

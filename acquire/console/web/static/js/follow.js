@@ -51,13 +51,14 @@ function placeSign(prompt) {
   if (prompt.kind !== "place") return { word: "YOUR TURN", tone: "accent", text: prompt.text };
   if (prompt.hands_off === false && prompt.in_place === true)
     return { word: "HANDS OFF", tone: "wait", text: "The object is in place. Take your hands off it." };
-  if (prompt.in_place === true)
-    return { word: "IN PLACE", tone: "good", text: "Press Placed to go on." };
+  if (prompt.in_place === true) return { word: "IN PLACE", tone: "good", text: "Press Placed to go on." };
   return { word: "PLACE", tone: "accent", text: prompt.text };
 }
 
 function armedSign(armed) {
-  const seconds = isNumber(armed?.countdown_s) ? `strikes in ${Math.max(0, armed.countdown_s).toFixed(1)} s` : "";
+  const seconds = isNumber(armed?.countdown_s)
+    ? `strikes in ${Math.max(0, armed.countdown_s).toFixed(1)} s`
+    : "";
   return { word: "ARMED", tone: "armed", text: seconds || "The striker is about to strike. Keep clear." };
 }
 

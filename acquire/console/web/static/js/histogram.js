@@ -10,7 +10,7 @@ export const PAPER_LEVELS = [150, 220];
 
 const canvas = document.createElement("canvas");
 
-/** Share of the pixels in each of 64 bins of grey levels, from what the image shows now; null without image. */
+/** Share of the pixels in each of 64 bins of grey levels in the present image; null without an image. */
 export function greyLevels(image) {
   if (!image.naturalWidth) return null;
   canvas.width = SAMPLE_WIDTH;
@@ -47,5 +47,8 @@ export function drawHistogram(plot, shares) {
     return svg("rect", { ...at, class: last ? "bar saturated" : "bar" });
   });
   const [low, high] = PAPER_LEVELS;
-  plot.replaceChildren(svg("rect", { x: low, y: 0, width: high - low, height: HEIGHT, class: "band" }), ...bars);
+  plot.replaceChildren(
+    svg("rect", { x: low, y: 0, width: high - low, height: HEIGHT, class: "band" }),
+    ...bars,
+  );
 }

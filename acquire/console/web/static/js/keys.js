@@ -65,7 +65,7 @@ export function connectKeys(page) {
     },
     { capture: true },
   );
-  // After a click the focus leaves the button: Enter of a pedal must mean the main action, not the click again.
+  // After a click the focus leaves the button: a pedal's Enter must mean the main action, not the click again.
   document.addEventListener("click", (event) => {
     const button = event.target.closest?.("button");
     if (button && event.detail > 0 && !button.closest("dialog")) button.blur();

@@ -5,6 +5,7 @@ import { connectDialogs, isDialogOpen } from "./dialogs.js";
 import { byId, make, rebuild, setAttribute, setDisabled, setText, show } from "./dom.js";
 import { isRunning, newestStrike, signFor, viewFor, VIEWS } from "./follow.js";
 import { estimatesOf } from "./history.js";
+import { sentence } from "./format.js";
 import { connectKeys } from "./keys.js";
 import { connectOperator, drawOperator } from "./operator.js";
 import { OrderError, post } from "./orders.js";
@@ -21,8 +22,14 @@ const VIEW_MODULES = { ready, place, strike, know, archive };
 /** Time for which a new verdict stays on the sign [ms]. */
 const VERDICT_MS = 4000;
 const LINK_TEXTS = {
-  lost: ["Connection to the console lost", "The session pauses before its next strike. The page reconnects by itself. Until then, stop at the striker's switch or plug."],
-  refused: ["This browser is not let in", "The console was started again, or this browser never had its address. Open the address that `acquire console` prints; each works once."],
+  lost: [
+    "Connection to the console lost",
+    "The session pauses before its next strike. The page reconnects by itself. Until then, stop at the striker's switch or plug.",
+  ],
+  refused: [
+    "This browser is not let in",
+    "The console was started again, or this browser never had its address. Open the address that `acquire console` prints; each works once.",
+  ],
 };
 
 const NO_LINK = { word: "NO LINK", tone: "bad", text: "Stop at the striker's switch or plug." };
@@ -36,6 +43,8 @@ let session_id = null;
 let newest_key = null;
 let sign_word = "";
 let frame = 0;
+/** Trouble that the operator has read, as JSON; other trouble is shown again. */
+let dismissed = "";
 
 const mayOrder = () => link === "open" && snapshot?.role === "operator";
 const verdictIsNew = () => Date.now() < verdict_until_ms;
@@ -60,11 +69,14 @@ function redraw() {
   if (frame === 0) frame = requestAnimationFrame(draw);
 }
 
+/** Keep the view in the address, and beside it whether it was chosen by hand: a reload follows as before. */
+const remember = () => history.replaceState({ pinned }, "", `#${view}`);
+
 function setView(next) {
   if (next === view) return;
   const last = view;
   view = next;
-  history.replaceState(null, "", `#${view}`);
+  remember();
   VIEW_MODULES[view].opened?.();
   redraw();
   // Focus must not stay on a control of a hidden view, nor on one that Enter would press.
@@ -77,14 +89,17 @@ function setView(next) {
 function pin(next) {
   pinned = next !== (snapshot && viewFor(snapshot, verdictIsNew()));
   setView(next);
+  remember();
   byId(`${view}-title`).focus({ preventScroll: true });
   redraw();
 }
 
-/** Follow the session: its step chooses the view. */
+/** Follow the session: its step chooses the view, and the last verdict no longer holds it. */
 function follow() {
   pinned = false;
+  verdict_until_ms = 0;
   applyFollow();
+  remember();
   redraw();
 }
 
@@ -100,11 +115,11 @@ function drawSign() {
   show(byId("sign"), large || (["place", "strike"].includes(view) && !stated));
   byId("sign").dataset.tone = sign.tone;
   setText(byId("sign-word"), sign.word);
-  setText(byId("sign-text"), sign.text);
+  setText(byId("sign-text"), sentence(sign.text));
   if (sign.word === sign_word) return;
   sign_word = sign.word;
   beep(sign.word);
-  setText(byId("live"), `${sign.word}. ${sign.text}`);
+  setText(byId("live"), `${sign.word}. ${sentence(sign.text)}`);
 }
 
 function drawBanners() {
@@ -115,12 +130,12 @@ function drawBanners() {
     setText(byId("link-text"), texts[1]);
   }
   const trouble = snapshot?.trouble ?? [];
-  show(byId("trouble"), trouble.length > 0);
+  show(byId("trouble"), trouble.length > 0 && JSON.stringify(trouble) !== dismissed);
   rebuild(byId("trouble-list"), trouble, () => trouble.map((text) => make("li", {}, text)));
   const signed = document.body.classList.contains("large") || ["place", "strike"].includes(view);
   const paused = snapshot?.session?.state === "paused" && !signed && !snapshot.stop.stopped;
   show(byId("paused"), paused);
-  if (paused) setText(byId("paused-text"), snapshot.session.paused || "Press Resume to go on.");
+  if (paused) setText(byId("paused-text"), sentence(snapshot.session.paused) || "Press Resume to go on.");
 }
 
 function currentAction() {
@@ -130,7 +145,10 @@ function currentAction() {
   const watching = snapshot.role === "operator" ? "" : "You are watching.";
   const stopped = snapshot.stop?.stopped && view !== "know" ? "Home the striker first." : "";
   if (isDialogOpen()) return { ...wanted, problem: "Close the dialog first." };
-  return { ...wanted, problem: watching || (link === "open" ? "" : "No connection.") || stopped || wanted.problem };
+  return {
+    ...wanted,
+    problem: watching || (link === "open" ? "" : "No connection.") || stopped || wanted.problem,
+  };
 }
 
 function drawAction() {
@@ -157,7 +175,8 @@ function drawFrame() {
   show(byId("follow"), pinned && isRunning(snapshot?.session));
   setText(byId("session-name"), snapshot?.session ? snapshot.session.object : "");
   const names = { ready: "Ready", place: "Place", strike: "Strike", know: "Know", archive: "Archive" };
-  document.title = sign_word && isRunning(snapshot?.session) ? `${sign_word} – Percuss` : `${names[view]} – Percuss`;
+  document.title =
+    sign_word && isRunning(snapshot?.session) ? `${sign_word} – Percuss` : `${names[view]} – Percuss`;
 }
 
 function draw() {
@@ -175,7 +194,8 @@ function draw() {
   // After the view: the action depends on what its form holds.
   drawAction();
   if (!snapshot) return;
-  for (const [name, module] of Object.entries(VIEW_MODULES)) module.setVisible?.(name === view && link === "open", snapshot);
+  for (const [name, module] of Object.entries(VIEW_MODULES))
+    module.setVisible?.(name === view && link === "open", snapshot);
 }
 
 function onState(received) {
@@ -216,9 +236,9 @@ function toggleSound() {
 }
 
 function start() {
-  const context = { order, redraw, goTo: pin, latest: () => snapshot };
+  const context = { order, redraw, goTo: pin, follow, latest: () => snapshot };
   for (const module of Object.values(VIEW_MODULES)) module.connect(context);
-  connectDialogs();
+  connectDialogs(redraw);
   connectOperator(order);
   connectStop(redraw, order);
   connectKeys({ act, follow, toggleLarge, toggleSound, goTo: pin });
@@ -227,6 +247,10 @@ function start() {
   byId("large").addEventListener("click", toggleLarge);
   byId("sound").addEventListener("click", toggleSound);
   byId("sound").setAttribute("aria-pressed", String(isSoundOn()));
+  byId("trouble-close").addEventListener("click", () => {
+    dismissed = JSON.stringify(snapshot?.trouble ?? []);
+    redraw();
+  });
   byId("refusal-close").addEventListener("click", () => show(byId("refusal"), false));
   for (const anchor of document.querySelectorAll("[data-view]"))
     anchor.addEventListener("click", (event) => {
@@ -235,7 +259,7 @@ function start() {
     });
   const wanted = location.hash.slice(1);
   if (VIEWS.includes(wanted) && wanted !== "ready") {
-    pinned = true;
+    pinned = history.state?.pinned !== false;
     view = wanted;
     VIEW_MODULES[view].opened?.();
   }

@@ -29,13 +29,21 @@ async function request(path, options, timeout_ms) {
   const body = await response.json().catch(() => null);
   if (response.ok) return body;
   const error = body?.error ?? {};
-  throw new OrderError(error.message ?? `The console answered ${response.status}.`, error.remedy ?? "", response.status);
+  throw new OrderError(
+    error.message ?? `The console answered ${response.status}.`,
+    error.remedy ?? "",
+    response.status,
+  );
 }
 
 /** Send an order and return the answer; raises OrderError. */
 export function post(path, content = {}, timeout_ms = ORDER_TIMEOUT_MS) {
   const headers = { "Content-Type": "application/json", "X-Percuss": "1" };
-  return request(path, { method: "POST", headers, body: JSON.stringify(content), keepalive: true }, timeout_ms);
+  return request(
+    path,
+    { method: "POST", headers, body: JSON.stringify(content), keepalive: true },
+    timeout_ms,
+  );
 }
 
 /** JSON of a GET request; raises OrderError. */

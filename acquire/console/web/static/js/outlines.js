@@ -42,12 +42,19 @@ function ellipses(estimates, plane, at, unit, shape) {
   const id = `clip-${clips}`;
   const drawn = estimates.map((each, i) => {
     const age = estimates.length - 1 - i;
-    return ellipse(each, plane, at(plane.map((axis) => each.com_m[axis])), unit, age === 0 ? "now" : `before age-${age}`);
+    return ellipse(
+      each,
+      plane,
+      at(plane.map((axis) => each.com_m[axis])),
+      unit,
+      age === 0 ? "now" : `before age-${age}`,
+    );
   });
   return [svg("clipPath", { id }, shape), svg("g", { "clip-path": `url(#${id})` }, ...drawn)];
 }
 
-const cross = (x, y, size) => svg("path", { class: "centre", d: `M${x - size},${y}h${2 * size}M${x},${y - size}v${2 * size}` });
+const cross = (x, y, size) =>
+  svg("path", { class: "centre", d: `M${x - size},${y}h${2 * size}M${x},${y - size}v${2 * size}` });
 
 /** Largest round magnification at which the ellipses fit into the inset; 0 if they need none. */
 function magnification(estimates, plane, unit) {
@@ -76,18 +83,30 @@ function lens(estimates, plane, [cx, cy], [x, y], unit) {
   const bar = bar_m * large;
   return [
     svg("circle", { class: "ring", cx, cy, r: Math.max(4, LENS_RADIUS / times) }),
-    svg("line", { class: "lead", x1: cx + Math.max(4, LENS_RADIUS / times), y1: cy, x2: x - LENS_RADIUS, y2: y }),
+    svg("line", {
+      class: "lead",
+      x1: cx + Math.max(4, LENS_RADIUS / times),
+      y1: cy,
+      x2: x - LENS_RADIUS,
+      y2: y,
+    }),
     back,
     ...ellipses(estimates, plane, at, large, circle()),
     cross(x, y, 5),
     svg("path", { class: "axis", d: `M${x - bar / 2},${y + LENS_RADIUS + 9}v5h${bar}v-5` }),
-    svg("text", { x, y: y + LENS_RADIUS + 28, "text-anchor": "middle" }, millimetres(bar_m, bar_m < 1e-3 ? 1 : 0)),
+    svg(
+      "text",
+      { x, y: y + LENS_RADIUS + 28, "text-anchor": "middle" },
+      millimetres(bar_m, bar_m < 1e-3 ? 1 : 0),
+    ),
   ];
 }
 
 function axis(left, top, width, height, low, high, plane, unit) {
   const bottom = top + height + 8;
-  const parts = [svg("path", { class: "axis", d: `M${left},${bottom}h${width}M${left - 8},${top}v${height}` })];
+  const parts = [
+    svg("path", { class: "axis", d: `M${left},${bottom}h${width}M${left - 8},${top}v${height}` }),
+  ];
   for (const value of ticks(low[plane[0]], high[plane[0]], Math.max(1, width / 55))) {
     const x = left + (value - low[plane[0]]) * unit;
     parts.push(svg("path", { class: "axis", d: `M${x},${bottom}v4` }));
@@ -108,20 +127,38 @@ function view(along, hull, [low, high], estimates, unit) {
   const [width, height] = spans.map((span) => span * unit);
   const top = TOP + Math.max(0, LENS_RADIUS - height / 2);
   const at = ([h, v]) => [LEFT + (h - low[plane[0]]) * unit, top + (high[plane[1]] - v) * unit];
-  const box = [[0, 0], [1, 0], [1, 1], [0, 1]].map(([a, b]) => [low[plane[0]] + a * spans[0], low[plane[1]] + b * spans[1]]);
-  const corners = (hull?.length > 2 ? hull : box).map((each) => at(each).map((value) => value.toFixed(1)).join(","));
-  const parts = [svg("polygon", { class: "body", points: corners.join(" ") }), ...axis(LEFT, top, width, height, low, high, plane, unit)];
+  const box = [
+    [0, 0],
+    [1, 0],
+    [1, 1],
+    [0, 1],
+  ].map(([a, b]) => [low[plane[0]] + a * spans[0], low[plane[1]] + b * spans[1]]);
+  const corners = (hull?.length > 2 ? hull : box).map((each) =>
+    at(each)
+      .map((value) => value.toFixed(1))
+      .join(","),
+  );
+  const parts = [
+    svg("polygon", { class: "body", points: corners.join(" ") }),
+    ...axis(LEFT, top, width, height, low, high, plane, unit),
+  ];
   if (estimates.length > 0) {
     const centre = at(plane.map((each) => estimates.at(-1).com_m[each]));
     const inside = svg("rect", { x: LEFT - 8, y: top - 8, width: width + 16, height: height + 16 });
     parts.push(...ellipses(estimates, plane, at, unit, inside), cross(...centre, 5));
     const hidden = openAxes(estimates.at(-1).com_open);
     const known = plane.every((each) => !hidden.includes(AXIS_NAMES[each]));
-    if (known) parts.push(...lens(estimates, plane, centre, [LEFT + width + 28 + LENS_RADIUS, top + height / 2], unit));
+    if (known)
+      parts.push(
+        ...lens(estimates, plane, centre, [LEFT + width + 28 + LENS_RADIUS, top + height / 2], unit),
+      );
   }
   const [h, v] = plane.map((each) => AXIS_NAMES[each]);
   const title = `${h} to the right, ${v} up [mm], seen along ${AXIS_NAMES[along]}`;
-  const size = [LEFT + LONGEST + 2 * LENS_RADIUS + 34, Math.max(top + height + 32, top + height / 2 + LENS_RADIUS + 36)];
+  const size = [
+    LEFT + LONGEST + 2 * LENS_RADIUS + 34,
+    Math.max(top + height + 32, top + height / 2 + LENS_RADIUS + 36),
+  ];
   const plot = svg("svg", { viewBox: `0 0 ${size[0]} ${size[1].toFixed(0)}`, role: "img" }, ...parts);
   plot.setAttribute("aria-label", `Outline of the object with the centre of mass: ${title}`);
   return make("figure", {}, plot, make("figcaption", { class: "muted" }, title));

@@ -3,7 +3,7 @@
 import { svg } from "./dom.js";
 import { fixed } from "./format.js";
 
-/** Ticks at round values (1, 2 or 5 times a power of ten) from low to high, `count` of them to half as many again. */
+/** Ticks at round values (1, 2 or 5 times a power of ten) from low to high: 0.5 to 1.5 times `count`. */
 export function ticks(low, high, count = 5) {
   const span = high - low;
   if (!(span > 0)) return [low];
@@ -20,7 +20,10 @@ export const tickDecimals = (values) =>
   values.length < 2 ? 1 : Math.max(0, Math.min(4, -Math.floor(Math.log10(values[1] - values[0]) + 1e-9)));
 
 /** Linear map from data to pixels. */
-export const scale = ([low, high], [from, to]) => (value) => from + ((value - low) / (high - low || 1)) * (to - from);
+export const scale =
+  ([low, high], [from, to]) =>
+  (value) =>
+    from + ((value - low) / (high - low || 1)) * (to - from);
 
 /** Points of a polyline, with one decimal. */
 export const points = (xs, ys, x, y) =>
@@ -48,7 +51,9 @@ export function axes([left, top, right, bottom], horizontal, vertical) {
     group.append(svg("text", { x: left - 8, y: y(value) + 5, "text-anchor": "end" }, text));
   });
   group.append(svg("path", { class: "axis", d: `M${left},${top}V${bottom}H${right}` }));
-  group.append(svg("text", { class: "title", x: right, y: bottom + 40, "text-anchor": "end" }, horizontal.title));
+  group.append(
+    svg("text", { class: "title", x: right, y: bottom + 40, "text-anchor": "end" }, horizontal.title),
+  );
   group.append(svg("text", { class: "title", x: left - 40, y: top - 12 }, vertical.title));
   return { group, x, y };
 }

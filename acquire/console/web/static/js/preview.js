@@ -34,7 +34,8 @@ export class Preview {
 
   #apply() {
     const load = this.wanted && !document.hidden;
-    if (load && !this.image.hasAttribute("src") && this.retry === null) this.image.setAttribute("src", URL_LIVE);
+    if (load && !this.image.hasAttribute("src") && this.retry === null)
+      this.image.setAttribute("src", URL_LIVE);
     if (!load) setAttribute(this.image, "src", null);
     show(this.image, load && this.image.hasAttribute("src"));
     show(this.absent, !this.wanted);

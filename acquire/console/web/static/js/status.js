@@ -17,7 +17,11 @@ export function drawStatus(node, snapshot, link) {
   const shown = [
     ["Frames lost", camera ? String(camera.lost) : "–", camera?.lost > 0 ? "bad" : ""],
     ["Camera", camera ? `${fixed(camera.fps, 0)} /s` : "none", camera ? "" : "bad"],
-    ["Disk", diskText(disk), isNumber(disk?.minutes_left) && disk.minutes_left < LITTLE_DISK_MIN ? "bad" : ""],
+    [
+      "Disk",
+      diskText(disk),
+      isNumber(disk?.minutes_left) && disk.minutes_left < LITTLE_DISK_MIN ? "bad" : "",
+    ],
     ["Striker", striker ? striker.state : "none", striker?.torque ? "wait" : ""],
   ];
   if (link !== "open" && snapshot) shown.splice(1, 1);

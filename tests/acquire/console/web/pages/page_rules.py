@@ -28,7 +28,8 @@ CONTRAST = """() => {
     const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
     for (let node = walker.nextNode(); node; node = walker.nextNode()) {
         const parent = node.parentElement;
-        if (!node.data.trim() || parent.closest('script, option, .unseen, h1') || !parent.checkVisibility()) continue;
+        if (!node.data.trim() || !parent.checkVisibility()) continue;
+        if (parent.closest('script, option, .unseen, h1')) continue;
         const style = getComputedStyle(parent);
         const drawn = parent.closest('svg') ? style.fill : style.color;
         const under = ground(parent);
@@ -48,9 +49,9 @@ OVERFLOW = """() => [...document.querySelectorAll('body *')].filter(node => {
 """elements that reach beyond the window"""
 
 CUT = """() => [...document.querySelectorAll('body *')].filter(node => {
-    if (node.closest('.unseen, h1, select, svg') || !node.checkVisibility()) return false;
+    if (node.closest('.unseen, h1, select, svg, .scroll') || !node.checkVisibility()) return false;
     const inline = getComputedStyle(node).display === 'inline';
-    return !inline && node.clientWidth > 0 && node.scrollWidth > node.clientWidth + 1 && !node.closest('.scroll');
+    return !inline && node.clientWidth > 0 && node.scrollWidth > node.clientWidth + 1;
 }).map(node => `${node.tagName} ${node.id} ${node.className}: ${node.scrollWidth} > ${node.clientWidth}`)"""
 """elements whose content is wider than they are"""
 
@@ -79,12 +80,14 @@ STOP = """() => {
     const seen = left >= 0 && right <= innerWidth && top >= 0 && bottom <= innerHeight;
     const hit = document.elementFromPoint((left + right) / 2, (top + bottom) / 2);
     const larger = [...document.querySelectorAll('button')]
-        .filter(node => node !== stop && node.id !== 'card-open' && node.checkVisibility() && area(node) >= area(stop));
+        .filter(node => node !== stop && node.id !== 'card-open' && node.checkVisibility())
+        .filter(node => area(node) >= area(stop));
     return {seen, hit: stop.contains(hit), enabled: !stop.disabled, larger: larger.map(node => node.id)};
 }"""
 """whether the stop button is in sight, on top, enabled; buttons that are as large"""
 
-FOCUS_ORDER = """() => [...document.querySelectorAll('a[href], button, input, select, summary, [tabindex="0"]')]
+FOCUS_ORDER = """() => [...document.querySelectorAll(
+        'a[href], button, input, select, summary, [tabindex="0"]')]
     .filter(node => node.checkVisibility() && !node.disabled && !node.closest('dialog:not([open])'))
     .map(node => node.id || node.dataset.view || node.textContent.trim())"""
 """controls in the order of the document"""

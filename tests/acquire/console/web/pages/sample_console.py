@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 
 from acquire.console.web import __file__ as web_file
-from tests.acquire.console.web.pages import snapshots
+from tests.acquire.console.web.pages import results, snapshots
 from tests.source_tree import ROOT
 
 STATIC = Path(web_file).parent / "static"
@@ -97,9 +97,9 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         elif path == "/api/preview.mjpeg":
             self._preview()
         elif path.endswith("/curve"):
-            self._json(snapshots.curve())
+            self._json(results.curve())
         elif path == "/api/archive":
-            self._json(snapshots.archive())
+            self._json(results.archive())
         elif path == "/api/card.png":
             self._send(200, "image/png", (ROOT / "docs/images/card.png").read_bytes())
         else:
@@ -112,6 +112,8 @@ class _Handler(http.server.BaseHTTPRequestHandler):
             self._json({"error": {"kind": "NoOrderHeader", "message": "no header", "remedy": ""}}, 403)
         elif self.path == "/api/stop" and self.server.stop_fails:
             self._json({"error": {"kind": "Silent", "message": "no answer", "remedy": ""}}, 504)
+        elif self.path == "/api/invite":
+            self._json({"url": f"{self.server.url}?token=sample"})
         else:
             self._json({"ok": True})
 

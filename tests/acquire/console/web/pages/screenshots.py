@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from playwright.sync_api import Browser, Page, sync_playwright
@@ -20,9 +21,41 @@ SIZES = {390: 844, 820: 1180, 1440: 900}
 SCHEMES = ("light", "dark")
 
 
+def _lose(page: Page, server: SampleConsole) -> None:
+    server.silent = True
+    page.wait_for_selector("#link-lost:not([hidden])")
+
+
+def _fail_stop(page: Page, server: SampleConsole) -> None:
+    server.stop_fails = True
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#stopped.alarm")
+
+
+def _compare(page: Page, _: SampleConsole) -> None:
+    page.locator("#archive-rows input").nth(0).check()
+    page.locator("#archive-rows input").nth(1).check()
+
+
+MOMENTS: dict[str, tuple[str, Callable[[Page, SampleConsole], object]]] = {
+    "help": ("place", lambda page, _: page.keyboard.press("?")),
+    "home": ("stopped", lambda page, _: page.click("#home")),
+    "large-place": ("place", lambda page, _: page.keyboard.press("l")),
+    "large-armed": ("armed", lambda page, _: page.keyboard.press("l")),
+    "card": ("place", lambda page, _: page.click("#card-open")),
+    "until": ("ready", lambda page, _: page.check("input[value=until]")),
+    "lost": ("place", _lose),
+    "stop-failed": ("armed", _fail_stop),
+    "compare": ("archive", _compare),
+}
+"""states that the page reaches by an action: the state before, and the action"""
+
+
 def show_state(page: Page, server: SampleConsole, name: str, settle_ms: int = 900) -> None:
     """Open a page in a state and wait until it has settled."""
-    view, steps = states()[name]
+    before, act = MOMENTS.get(name, (name, None))
+    view, steps = states()[before]
+    server.silent = server.stop_fails = False
     server.show(steps[0])
     page.goto(server.url)
     page.wait_for_selector("#role:not([hidden])", state="attached")
@@ -33,6 +66,9 @@ def show_state(page: Page, server: SampleConsole, name: str, settle_ms: int = 90
     if page.locator(f"#view-{view}").is_hidden():
         page.click(f"nav [data-view={view}]")
     page.wait_for_timeout(settle_ms)
+    if act is not None:
+        act(page, server)
+        page.wait_for_timeout(settle_ms)
 
 
 def take(browser: Browser, server: SampleConsole, folder: Path, names: list[str]) -> None:
@@ -59,7 +95,7 @@ def main(arguments: list[str]) -> None:
     sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []
     with sample_console() as server, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=sandbox)
-        take(browser, server, folder, arguments[1:] or list(states()))
+        take(browser, server, folder, arguments[1:] or [*states(), *MOMENTS])
         browser.close()
 
 

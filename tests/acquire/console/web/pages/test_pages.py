@@ -8,12 +8,16 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.acquire.console.web.pages.page_rules import FOCUS_ORDER, RULES, STOP
+from tests.acquire.console.web.pages.results import HOSTILE
 from tests.acquire.console.web.pages.sample_console import SampleConsole, sample_console
-from tests.acquire.console.web.pages.screenshots import SCHEMES, SIZES, show_state
-from tests.acquire.console.web.pages.snapshots import HOSTILE, base, prompt, session, states
+from tests.acquire.console.web.pages.screenshots import MOMENTS, SCHEMES, SIZES, show_state
+from tests.acquire.console.web.pages.snapshots import base, prompt, session, states
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
+
+QUICK = [(390, "light")]
+"""width and scheme in which every state is looked at by the short tests, too"""
 
 
 @pytest.fixture(scope="module")
@@ -39,13 +43,19 @@ def _orders(server: SampleConsole, path: str) -> list[object]:
     return [content for asked, content in server.orders if asked == path]
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("width", SIZES)
+@pytest.mark.parametrize(
+    ("width", "scheme"),
+    [
+        pytest.param(width, scheme, marks=() if (width, scheme) in QUICK else pytest.mark.slow)
+        for width in SIZES
+        for scheme in SCHEMES
+    ],
+)
 def test_every_state_keeps_the_rules(page, server, width, scheme):
     page.set_viewport_size({"width": width, "height": SIZES[width]})
     page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
     broken = {}
-    for name in states():
+    for name in (*states(), *MOMENTS):
         show_state(page, server, name, settle_ms=250)
         for rule, script in RULES.items():
             if found := page.evaluate(script):
@@ -233,19 +243,39 @@ def test_view_follows_the_session_unless_pinned(page, server):
     assert page.locator("#view-know").is_visible()
     page.keyboard.press("f")
     page.wait_for_selector("#view-strike", state="visible")
+    page.reload()
+    server.show(base() | {"session": session("placing", ""), "prompt": prompt()})
+    page.wait_for_selector("#view-place", state="visible")
+
+
+def test_pedal_leaves_a_verdict_and_the_view_still_follows(page, server):
+    show_state(page, server, "again", settle_ms=200)
+    assert page.inner_text("#sign-word") == "AGAIN"
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#view-place", state="visible")
+    server.show(base() | {"session": session("arming", "", 2)})
+    page.wait_for_selector("#view-strike", state="visible")
+    assert not server.orders
+
+
+def test_trouble_that_was_read_is_not_shown_again(page, server):
+    show_state(page, server, "no-camera")
+    page.click("#trouble-close")
+    assert page.locator("#trouble").is_hidden()
+    server.show(base() | {"trouble": ["12 frames lost"]})
+    page.wait_for_selector("#trouble", state="visible")
 
 
 def test_focus_reaches_all_controls_in_order_and_is_seen(page, server):
     show_state(page, server, "place")
     wanted = page.evaluate(FOCUS_ORDER)
     reached = []
+    name = (
+        "(({id, dataset, textContent}) => id || dataset.view || textContent.trim())(document.activeElement)"
+    )
     for _ in wanted:
         page.keyboard.press("Tab")
-        reached.append(
-            page.evaluate(
-                "(({id, dataset, textContent}) => id || dataset.view || textContent.trim())(document.activeElement)"
-            )
-        )
+        reached.append(page.evaluate(name))
         assert page.evaluate("getComputedStyle(document.activeElement).outlineStyle") != "none"
     assert reached == wanted
     assert reached[-1] == "stop"

@@ -23,7 +23,12 @@ function meter(name, value, top, [from, to], good, note) {
   const mark = make("i", { class: "mark" });
   mark.style.left = `${Math.min(100, Math.max(0, (100 * value) / top))}%`;
   return [
-    make("p", { class: "aid-head" }, make("span", {}, name), make("output", { class: good ? "good" : "bad" }, note.value)),
+    make(
+      "p",
+      { class: "aid-head" },
+      make("span", {}, name),
+      make("output", { class: good ? "good" : "bad" }, note.value),
+    ),
     make("div", { class: "meter", "aria-hidden": "true" }, range, mark),
     make("p", { class: "scale muted" }, note.target),
   ];
@@ -35,8 +40,13 @@ function drawSharpness(value) {
   if (!isNumber(value)) return;
   sharpest = Math.max(sharpest, value);
   const good = value >= SHARP_SHARE * sharpest;
-  const note = { value: fixed(value, 0), target: `best so far ${fixed(sharpest, 0)}: turn the focus ring to the highest value` };
-  rebuild(node, [value, sharpest], () => meter("Sharpness", value, sharpest * 1.1, [SHARP_SHARE * sharpest, sharpest * 1.1], good, note));
+  const note = {
+    value: fixed(value, 0),
+    target: `best so far ${fixed(sharpest, 0)}: turn the focus ring to the highest value`,
+  };
+  rebuild(node, [value, sharpest], () =>
+    meter("Sharpness", value, sharpest * 1.1, [SHARP_SHARE * sharpest, sharpest * 1.1], good, note),
+  );
 }
 
 function drawTagSize(value) {
@@ -44,13 +54,23 @@ function drawTagSize(value) {
   show(node, true);
   if (!isNumber(value)) {
     rebuild(node, null, () => [
-      make("p", { class: "aid-head" }, make("span", {}, "Tag size"), make("output", { class: "muted" }, "no tag in view")),
+      make(
+        "p",
+        { class: "aid-head" },
+        make("span", {}, "Tag size"),
+        make("output", { class: "muted" }, "no tag in view"),
+      ),
     ]);
     return;
   }
   const good = value >= TAG_PX.good;
   const target = `at least ${TAG_PX.least} px, better ${TAG_PX.good} px or more`;
-  rebuild(node, value, () => meter("Tag size", value, TAG_PX.most, [TAG_PX.good, TAG_PX.most], good, { value: `${fixed(value, 0)} px`, target }));
+  rebuild(node, value, () =>
+    meter("Tag size", value, TAG_PX.most, [TAG_PX.good, TAG_PX.most], good, {
+      value: `${fixed(value, 0)} px`,
+      target,
+    }),
+  );
 }
 
 /** Draw the aids from the snapshot. */
@@ -75,7 +95,10 @@ export function connectHistogram(preview, latest) {
     const saturated = latest()?.camera?.saturated_fraction;
     const good = isNumber(saturated) && saturated <= SATURATED_MAX;
     const text = isNumber(saturated) ? `${percent(saturated)} saturated` : "";
-    setText(byId("exposure-value"), [text, `brightest 1 % at ${quantile(shares, 0.99)}`].filter(Boolean).join(", "));
+    setText(
+      byId("exposure-value"),
+      [text, `brightest 1 % at ${quantile(shares, 0.99)}`].filter(Boolean).join(", "),
+    );
     byId("exposure-value").className = good || !isNumber(saturated) ? "good" : "bad";
   }, HISTOGRAM_MS);
 }

@@ -54,7 +54,10 @@ function select(id, on) {
   page.redraw();
 }
 
-const halfWidths = (entry) => AXIS_NAMES.map((_, axis) => (isNumber(entry.com_sd_mm?.[axis]) ? HALF_WIDTH_95 * entry.com_sd_mm[axis] : null));
+const halfWidths = (entry) =>
+  AXIS_NAMES.map((_, axis) =>
+    isNumber(entry.com_sd_mm?.[axis]) ? HALF_WIDTH_95 * entry.com_sd_mm[axis] : null,
+  );
 
 /** Cells of a centre of mass: one span per axis, so that the columns align. */
 function comCells(entry) {
@@ -63,16 +66,30 @@ function comCells(entry) {
   const digits = decimalsFor(Math.min(...halves.filter((half) => half > 0)), 2);
   return AXIS_NAMES.map((name, axis) => {
     const half = halves[axis] === null ? "" : ` ± ${fixed(halves[axis], digits)}`;
-    return make("span", { class: "com" }, make("i", {}, name), fixed(entry.com_mm[axis], digits), make("small", { class: "muted" }, half));
+    return make(
+      "span",
+      { class: "com" },
+      make("i", {}, name),
+      fixed(entry.com_mm[axis], digits),
+      make("small", { class: "muted" }, half),
+    );
   });
 }
 
 function row(entry, mayOrder) {
-  const box = make("input", { type: "checkbox", "aria-label": `Compare ${entry.object} of ${dateTime(entry.date)}`, "data-key": `box-${entry.id}` });
+  const box = make("input", {
+    type: "checkbox",
+    "aria-label": `Compare ${entry.object} of ${dateTime(entry.date)}`,
+    "data-key": `box-${entry.id}`,
+  });
   box.checked = selected.includes(entry.id);
   box.addEventListener("change", () => select(entry.id, box.checked));
   const path = `/api/archive/${encodeURIComponent(entry.id)}`;
-  const again = make("button", { type: "button", "data-key": `estimate-${entry.id}` }, busy.has(entry.id) ? "Estimating…" : "Re-estimate");
+  const again = make(
+    "button",
+    { type: "button", "data-key": `estimate-${entry.id}` },
+    busy.has(entry.id) ? "Estimating…" : "Re-estimate",
+  );
   setDisabled(again, !mayOrder || busy.has(entry.id));
   again.addEventListener("click", () => estimate(entry.id));
   const flags = [...(entry.complete ? [] : ["incomplete"]), ...(entry.flags ?? [])];
@@ -80,11 +97,24 @@ function row(entry, mayOrder) {
     "tr",
     { class: box.checked ? "chosen" : null },
     make("td", { class: "box" }, box),
-    make("th", { scope: "row" }, entry.object, make("span", { class: "file muted" }, entry.file.split("/").at(-1))),
+    make(
+      "th",
+      { scope: "row" },
+      entry.object,
+      make("span", { class: "file muted" }, entry.file.split("/").at(-1)),
+    ),
     make("td", { class: "date" }, dateTime(entry.date)),
-    make("td", { class: "n count", "data-label": "Strikes" }, isNumber(entry.strikes) ? String(entry.strikes) : "–"),
+    make(
+      "td",
+      { class: "n count", "data-label": "Strikes" },
+      isNumber(entry.strikes) ? String(entry.strikes) : "–",
+    ),
     make("td", { class: "n coms", "data-label": "Centre of mass [mm] ± 95 %" }, ...comCells(entry)),
-    make("td", {}, make("div", { class: "flags" }, ...flags.map((flag) => make("span", { class: "tag warn" }, flag)))),
+    make(
+      "td",
+      {},
+      make("div", { class: "flags" }, ...flags.map((flag) => make("span", { class: "tag warn" }, flag))),
+    ),
     make("td", { class: "n size", "data-label": "Size" }, bytes(entry.size_bytes)),
     make(
       "td",
@@ -114,28 +144,69 @@ function drawComparison() {
   if (pair.length !== 2) return;
   const [a, b] = pair;
   const differences = difference(a, b);
-  const title = (entry) => make("th", { scope: "col", class: "n" }, entry.object, make("span", { class: "muted file" }, dateTime(entry.date)));
+  const title = (entry) =>
+    make(
+      "th",
+      { scope: "col", class: "n" },
+      entry.object,
+      make("span", { class: "muted file" }, dateTime(entry.date)),
+    );
   rebuild(byId("compare-head"), pair, () => [
-    make("tr", {}, make("th", { scope: "col" }, "mm ± 95 %"), title(a), title(b), make("th", { scope: "col", class: "n" }, "Difference")),
+    make(
+      "tr",
+      {},
+      make("th", { scope: "col" }, "mm ± 95 %"),
+      title(a),
+      title(b),
+      make("th", { scope: "col", class: "n" }, "Difference"),
+    ),
   ]);
   rebuild(byId("compare-rows"), pair, () =>
     AXIS_NAMES.map((name, axis) => {
       const cell = (value, half, show_sign) => {
         const digits = decimalsFor(half, 2);
         const around = isNumber(half) ? ` ± ${fixed(half, digits)}` : "";
-        return make("td", { class: "n" }, (show_sign ? signed : fixed)(value, digits), make("small", { class: "muted" }, around));
+        return make(
+          "td",
+          { class: "n" },
+          (show_sign ? signed : fixed)(value, digits),
+          make("small", { class: "muted" }, around),
+        );
       };
       const { value, half } = differences[axis];
-      return make("tr", {}, make("th", { scope: "row" }, name), cell(a.com_mm?.[axis], halfWidths(a)[axis]), cell(b.com_mm?.[axis], halfWidths(b)[axis]), cell(value, half, true));
+      return make(
+        "tr",
+        {},
+        make("th", { scope: "row" }, name),
+        cell(a.com_mm?.[axis], halfWidths(a)[axis]),
+        cell(b.com_mm?.[axis], halfWidths(b)[axis]),
+        cell(value, half, true),
+      );
     }),
   );
-  const beyond = AXIS_NAMES.filter((_, axis) => isNumber(differences[axis].value) && Math.abs(differences[axis].value) > differences[axis].half);
+  const beyond = AXIS_NAMES.filter(
+    (_, axis) =>
+      isNumber(differences[axis].value) && Math.abs(differences[axis].value) > differences[axis].half,
+  );
   const known = differences.every((each) => isNumber(each.value) && isNumber(each.half));
-  const verdict = beyond.length === 0 ? "The two agree within their 95 % intervals on every axis." : `They differ beyond the 95 % interval along ${beyond.join(", ")}.`;
+  const verdict =
+    beyond.length === 0
+      ? "The two agree within their 95 % intervals on every axis."
+      : `They differ beyond the 95 % interval along ${beyond.join(", ")}.`;
   setText(byId("compare-text"), known ? verdict : "One of the two is not estimated: press Re-estimate.");
 }
 
-const textOf = (entry) => [entry.object, entry.date, dateTime(entry.date), entry.file, entry.complete ? "" : "incomplete", ...(entry.flags ?? [])].join(" ").toLowerCase();
+const textOf = (entry) =>
+  [
+    entry.object,
+    entry.date,
+    dateTime(entry.date),
+    entry.file,
+    entry.complete ? "" : "incomplete",
+    ...(entry.flags ?? []),
+  ]
+    .join(" ")
+    .toLowerCase();
 
 /** Draw the view. */
 export function draw(snapshot, mayOrder) {
@@ -144,9 +215,12 @@ export function draw(snapshot, mayOrder) {
   setText(byId("archive-count"), entries ? `${shown.length} of ${counted(entries.length, "recording")}` : "");
   show(byId("archive"), shown.length > 0);
   show(byId("archive-none"), shown.length === 0);
-  const empty = entries?.length === 0 ? "The folder of recordings is empty." : "No recording matches the filter.";
+  const empty =
+    entries?.length === 0 ? "The folder of recordings is empty." : "No recording matches the filter.";
   setText(byId("archive-none"), problem || (entries ? empty : "Loading…"));
-  rebuild(byId("archive-rows"), [shown, selected, mayOrder], () => shown.map((entry) => row(entry, mayOrder)));
+  rebuild(byId("archive-rows"), [shown, selected, mayOrder], () =>
+    shown.map((entry) => row(entry, mayOrder)),
+  );
   drawComparison();
 }
 

@@ -3,7 +3,18 @@
 import { byId, make, rebuild, setText, show, svg } from "../dom.js";
 import { AXIS_NAMES, openAxes } from "../ellipse.js";
 import { isRunning } from "../follow.js";
-import { commonPower, counted, decimalsFor, fixed, HALF_WIDTH_95, isNumber, millimetres, percent, powerText, sentence } from "../format.js";
+import {
+  commonPower,
+  counted,
+  decimalsFor,
+  fixed,
+  HALF_WIDTH_95,
+  isNumber,
+  millimetres,
+  percent,
+  powerText,
+  sentence,
+} from "../format.js";
 import { estimatesOf } from "../history.js";
 import { get } from "../orders.js";
 import { outlineViews } from "../outlines.js";
@@ -11,8 +22,18 @@ import { axes, points } from "../plot.js";
 import { checkItems } from "./checks.js";
 
 /** Places of xx, yy, zz, xy, xz, yz in the symmetric matrix. */
-const PLACES = [[0, 3, 4], [3, 1, 5], [4, 5, 2]];
+const PLACES = [
+  [0, 3, 4],
+  [3, 1, 5],
+  [4, 5, 2],
+];
 const AREA = [54, 30, 408, 122];
+
+/** Time after which the ended session's recording is looked for again [ms]. */
+const ARCHIVE_RETRY_MS = 3000;
+
+const FOLLOWS = "The first estimate follows the first good strikes.";
+const NONE = "No estimate was made during the session. The report makes one from the recording.";
 
 let page;
 let recording = { file: null, id: null };
@@ -25,8 +46,11 @@ export function connect(context) {
 /** Main action of the view: go to the next session when one has ended. */
 export function action(snapshot) {
   if (isRunning(snapshot.session)) {
-    const view = snapshot.prompt ? "place" : "strike";
-    return { label: snapshot.prompt ? "Place the object" : "Show the strike", problem: "", run: () => page.goTo(view) };
+    return {
+      label: snapshot.prompt ? "Place the object" : "Show the strike",
+      problem: "",
+      run: page.follow,
+    };
   }
   return { label: "Next session", problem: "", run: () => page.goTo("ready") };
 }
@@ -34,7 +58,9 @@ export function action(snapshot) {
 function drawCom(estimate) {
   const { com_m: com, com_covariance_m2: covariance } = estimate;
   const open = openAxes(estimate.com_open);
-  const halves = [0, 1, 2].map((axis) => (covariance ? HALF_WIDTH_95 * Math.sqrt(Math.max(0, covariance[axis][axis])) * 1e3 : null));
+  const halves = [0, 1, 2].map((axis) =>
+    covariance ? HALF_WIDTH_95 * Math.sqrt(Math.max(0, covariance[axis][axis])) * 1e3 : null,
+  );
   const digits = decimalsFor(Math.min(...halves.filter((half) => half > 0)), 2);
   rebuild(byId("com-values"), [com, covariance], () =>
     AXIS_NAMES.map((name, axis) => {
@@ -42,10 +68,19 @@ function drawCom(estimate) {
       const unknown = !com || (estimate.com_open ?? []).some((each) => Math.abs(each[axis]) > 0.4);
       const value = unknown ? "not known" : fixed(com[axis] * 1e3, digits);
       const around = unknown || half === null ? "" : `± ${fixed(half, digits)} mm`;
-      return make("div", {}, make("dt", {}, name), make("dd", { class: unknown ? "muted" : null }, value), make("dd", { class: "muted" }, around));
+      return make(
+        "div",
+        {},
+        make("dt", {}, name),
+        make("dd", { class: unknown ? "muted" : null }, value),
+        make("dd", { class: "muted" }, around),
+      );
     }),
   );
-  setText(byId("com-open"), open ? `Not known along ${open} yet: edges of another direction are needed.` : "");
+  setText(
+    byId("com-open"),
+    open ? `Not known along ${open} yet: edges of another direction are needed.` : "",
+  );
 }
 
 function drawTensor(estimate) {
@@ -67,7 +102,12 @@ function drawTensor(estimate) {
         {},
         make("th", { scope: "row" }, AXIS_NAMES[i]),
         ...row.map((place) =>
-          make("td", {}, fixed(tensor[place] / unit, digits), make("small", { class: "muted" }, sds ? ` ± ${fixed(halves[place], digits)}` : "")),
+          make(
+            "td",
+            {},
+            fixed(tensor[place] / unit, digits),
+            make("small", { class: "muted" }, sds ? ` ± ${fixed(halves[place], digits)}` : ""),
+          ),
         ),
       ),
     ),
@@ -79,7 +119,9 @@ export function targetText(estimate, running) {
   const { target, forecast } = estimate;
   const parts = [];
   if (isNumber(target?.com_m))
-    parts.push(`centre of mass ± ${millimetres(estimate.com_half_width_m)} of ± ${millimetres(target.com_m)}`);
+    parts.push(
+      `centre of mass ± ${millimetres(estimate.com_half_width_m)} of ± ${millimetres(target.com_m)}`,
+    );
   if (isNumber(target?.inertia))
     parts.push(`inertia ± ${percent(estimate.inertia_half_width)} of ± ${percent(target.inertia)}`);
   if (parts.length === 0) return "No target: the session makes all strikes of the plan.";
@@ -101,7 +143,9 @@ function drawProgress(history, estimate) {
   const wanted = isNumber(target) ? Math.log10(target * 1e3) : null;
   const all = wanted === null ? logs : [...logs, wanted];
   const range = [Math.min(...all) - 0.15, Math.max(...all) + 0.15];
-  const values = [0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100].filter((mm) => Math.log10(mm) >= range[0] && Math.log10(mm) <= range[1]);
+  const values = [0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100].filter(
+    (mm) => Math.log10(mm) >= range[0] && Math.log10(mm) <= range[1],
+  );
   const strikes = known.map((each) => each.strikes);
   const to = Math.max(...strikes, (estimate.strikes ?? 0) + (estimate.forecast?.most ?? 0)) + 0.4;
   const from = Math.min(...strikes) - 0.4;
@@ -115,10 +159,16 @@ function drawProgress(history, estimate) {
     const parts = [group];
     if (wanted !== null) {
       parts.push(svg("line", { class: "phi", x1: AREA[0], x2: AREA[2], y1: y(wanted), y2: y(wanted) }));
-      parts.push(svg("text", { class: "phi-label", x: AREA[2], y: y(wanted) - 6, "text-anchor": "end" }, "target"));
+      parts.push(svg("text", { class: "phi-label", x: AREA[0] + 8, y: y(wanted) - 6 }, "target"));
     }
     parts.push(svg("polyline", { class: "fit", points: points(strikes, logs, x, y) }));
-    parts.push(svg("g", { class: "measured" }, ...logs.map((log, i) => svg("circle", { cx: x(strikes[i]), cy: y(log), r: 4 }))));
+    parts.push(
+      svg(
+        "g",
+        { class: "measured" },
+        ...logs.map((log, i) => svg("circle", { cx: x(strikes[i]), cy: y(log), r: 4 })),
+      ),
+    );
     return parts;
   });
 }
@@ -140,8 +190,14 @@ function recordingId(session) {
       const found = entries.find((each) => name(each.file) === name(session.file));
       recording.id = found?.id ?? null;
     })
-    .catch(() => {
-      recording.file = null;
+    .catch(() => {})
+    .finally(() => {
+      // The recording gets its name when it is complete: ask again until it is there.
+      if (recording.id === null)
+        setTimeout(() => {
+          recording.file = null;
+          page.redraw();
+        }, ARCHIVE_RETRY_MS);
     })
     .finally(page.redraw);
   return null;
@@ -149,18 +205,27 @@ function recordingId(session) {
 
 function drawLinks(session) {
   const id = recordingId(session);
-  const ended = Boolean(session?.file) && !isRunning(session);
-  show(byId("know-links"), ended);
-  rebuild(byId("know-links"), [id, session?.file, ended], () => {
-    const link = (text, path, more) => make("a", { class: "button", href: `/api/archive/${encodeURIComponent(id)}/${path}`, ...more }, text);
-    const nodes = id ? [link("Report", "report", { target: "_blank", rel: "noopener" }), link("Download the recording", "download", { download: "" })] : [];
-    return [...nodes, make("span", { class: "replay muted" }, "Replay: ", make("code", {}, `analyze replay ${session?.file}`))];
+  show(byId("know-links"), id !== null);
+  rebuild(byId("know-links"), [id, session?.file], () => {
+    const link = (text, path, more) =>
+      make("a", { class: "button", href: `/api/archive/${encodeURIComponent(id)}/${path}`, ...more }, text);
+    if (id === null) return [];
+    return [
+      link("Report", "report", { target: "_blank", rel: "noopener" }),
+      link("Download the recording", "download", { download: "" }),
+      make(
+        "span",
+        { class: "replay muted" },
+        "Replay: ",
+        make("code", {}, `analyze replay ${session?.file}`),
+      ),
+    ];
   });
 }
 
 function lead(session, estimate) {
   if (session?.state === "aborted") return `The session ended early: ${sentence(session.text)}`;
-  if (session?.state === "finished") return sentence(session.text);
+  if (session?.state === "finished") return sentence(session.text) || "The session has finished.";
   if (!estimate) return "";
   return `After ${counted(estimate.strikes, "good strike")}.`;
 }
@@ -172,6 +237,7 @@ export function draw(snapshot) {
   setText(byId("know-lead"), lead(session, estimate));
   drawLinks(session);
   show(byId("know-none"), !estimate);
+  setText(byId("know-none"), isRunning(session) ? FOLLOWS : session ? NONE : "No session yet.");
   show(byId("know-grid"), Boolean(estimate));
   if (!estimate) return;
   drawCom(estimate);
@@ -181,7 +247,11 @@ export function draw(snapshot) {
   drawProgress(history, estimate);
   drawNext(snapshot, estimate);
   rebuild(byId("outlines"), [history.slice(-5), estimate.hull], () => outlineViews(history, estimate));
-  const lines = (estimate.checks ?? []).map((each) => ({ name: each.name, outcome: each.passed ? "pass" : "fail", text: each.text }));
+  const lines = (estimate.checks ?? []).map((each) => ({
+    name: each.name,
+    outcome: each.passed ? "pass" : "fail",
+    text: each.text,
+  }));
   rebuild(byId("estimate-checks"), lines, () => checkItems(lines));
   show(byId("checks-none"), lines.length === 0);
 }

@@ -2,7 +2,7 @@
 
 import { byId, make, rebuild, setAttribute, setDisabled, setText, show, svg } from "../dom.js";
 import { isRunning } from "../follow.js";
-import { isNumber, signed } from "../format.js";
+import { isNumber, sentence, signed } from "../format.js";
 import { Preview } from "../preview.js";
 
 /** Offsets below which a value is green while the session does not report whether the object is in place. */
@@ -71,7 +71,8 @@ function offset(name, value, unit, good) {
 
 function drawOffsets(prompt) {
   const [dx, dy] = prompt.offset_mm ?? [null, null];
-  const within = (value, tolerance) => prompt.in_place === true || (isNumber(value) && Math.abs(value) <= tolerance);
+  const within = (value, tolerance) =>
+    prompt.in_place === true || (isNumber(value) && Math.abs(value) <= tolerance);
   rebuild(byId("offsets"), [prompt.offset_mm, prompt.angle_deg, prompt.in_place], () => [
     offset("Offset x", dx, "mm", within(dx, TOLERANCE_MM)),
     offset("Offset y", dy, "mm", within(dy, TOLERANCE_MM)),
@@ -92,11 +93,14 @@ export function draw(snapshot, mayOrder) {
   show(byId("place-grid"), Boolean(prompt));
   show(byId("place-none"), !prompt);
   setText(byId("place-none"), isRunning(session) ? session.text : "No session asks for a placement.");
-  setText(byId("place-text"), prompt ? prompt.hint || prompt.text : "");
+  setText(byId("place-text"), sentence(prompt?.hint || prompt?.text));
   setDisabled(byId("place-skip"), !mayOrder || !prompt);
   setDisabled(byId("place-pause"), !mayOrder || !isRunning(session));
   setText(byId("place-pause"), session?.paused ? "Resume" : "Pause the session");
-  setText(byId("place-absent"), camera ? "The live image does not arrive." : "No camera: place the object by the card.");
+  setText(
+    byId("place-absent"),
+    camera ? "The live image does not arrive." : "No camera: place the object by the card.",
+  );
   drawOutline(prompt, camera);
   if (!prompt) return;
   drawOffsets(prompt);
@@ -109,4 +113,5 @@ export function draw(snapshot, mayOrder) {
 }
 
 /** Load the live image while the view is shown. */
-export const setVisible = (visible, snapshot) => preview.set(visible && Boolean(snapshot.prompt), snapshot.camera);
+export const setVisible = (visible, snapshot) =>
+  preview.set(visible && Boolean(snapshot.prompt), snapshot.camera);

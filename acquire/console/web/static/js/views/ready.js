@@ -75,7 +75,11 @@ export function action(snapshot) {
   if (!snapshot.daemon.running)
     return { label: "Start the daemon", problem: "", run: () => page.order("/api/daemon/start") };
   if (snapshot.check.passed === null && !reason())
-    return { label: "Check", problem: snapshot.check.running ? "The check is running." : "", run: () => page.order("/api/check") };
+    return {
+      label: "Check",
+      problem: snapshot.check.running ? "The check is running." : "",
+      run: () => page.order("/api/check"),
+    };
   const label = isChecked(snapshot) ? "Start" : "Start anyway";
   return { label, problem: startProblem(snapshot), run: () => start(snapshot) };
 }
@@ -92,20 +96,33 @@ function options(select, entries, placeholder) {
 
 function drawForm(snapshot, mayOrder) {
   const { objects, plans } = snapshot.choices;
-  options(byId("object"), objects.map((each) => [each.id, each.name]), "no object file in the folder");
+  options(
+    byId("object"),
+    objects.map((each) => [each.id, each.name]),
+    "no object file in the folder",
+  );
   const fitting = plans.filter((plan) => plan.object_id === byId("object").value);
-  options(byId("plan"), fitting.map((each) => [each.id, `${each.name} (${counted(each.strikes, "strike")})`]), "no plan for this object");
+  options(
+    byId("plan"),
+    fitting.map((each) => [each.id, `${each.name} (${counted(each.strikes, "strike")})`]),
+    "no plan for this object",
+  );
   show(byId("until-fields"), untilChosen());
   const running = isRunning(snapshot.session);
   show(byId("override-field"), snapshot.daemon.running && snapshot.check.passed === false && !running);
-  for (const control of byId("start-form").elements) if (control.id !== "override") setDisabled(control, !mayOrder || running);
+  for (const control of byId("start-form").elements)
+    if (control.id !== "override") setDisabled(control, !mayOrder || running);
   setDisabled(byId("override"), !mayOrder);
   setText(byId("start-note"), mayOrder && snapshot.daemon.running ? startProblem(snapshot) : "");
 }
 
 function drawCheck(snapshot, mayOrder) {
   const { running, passed, lines } = snapshot.check;
-  const state = running ? "checking…" : passed === null ? "not checked yet" : summary(urgent(lines)) || "nothing to mend";
+  const state = running
+    ? "checking…"
+    : passed === null
+      ? "not checked yet"
+      : summary(urgent(lines)) || "nothing to mend";
   setText(byId("check-summary"), state);
   setText(byId("check"), passed === null ? "Check" : "Check again");
   setDisabled(byId("check"), !mayOrder || running || !snapshot.daemon.running);
@@ -130,7 +147,9 @@ function drawFacts(snapshot) {
     ["Disk", disk ? `${bytes(disk.free_bytes)} free, ${minutes(disk.minutes_left)}` : "–"],
     ["Daemon", snapshot.daemon.text],
   ];
-  rebuild(byId("rig-facts"), facts, () => facts.map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))));
+  rebuild(byId("rig-facts"), facts, () =>
+    facts.map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))),
+  );
 }
 
 /** Draw the view. */
@@ -143,9 +162,11 @@ export function draw(snapshot, mayOrder) {
   setText(byId("camera-model"), camera ? `${camera.model} (${camera.serial})` : "");
   setText(
     byId("ready-absent"),
-    camera ? "The live image does not arrive." : snapshot.daemon.running
-      ? "No camera. Check its cable and power, then press Check again."
-      : "The live image follows when the daemon runs.",
+    camera
+      ? "The live image does not arrive."
+      : snapshot.daemon.running
+        ? "No camera. Check its cable and power, then press Check again."
+        : "The live image follows when the daemon runs.",
   );
   setDisabled(byId("invite"), !mayOrder, "Only the operator may let another browser in.");
   drawAids(camera);

@@ -4,7 +4,7 @@ import { drawCurve } from "../curve.js";
 import { confirm } from "../dialogs.js";
 import { byId, make, rebuild, setDisabled, setText, show } from "../dom.js";
 import { isRunning, isUseful, newestStrike, verdictText } from "../follow.js";
-import { fixed, isNumber } from "../format.js";
+import { fixed, isNumber, sentence } from "../format.js";
 import { get } from "../orders.js";
 import { answer, pauseOrResume } from "./place.js";
 
@@ -20,8 +20,11 @@ export function connect(context) {
     byId(`order-${order}`).addEventListener("click", () => answer(order));
   byId("order-pause").addEventListener("click", () => pauseOrResume("after_strike"));
   byId("order-abort").addEventListener("click", () =>
-    confirm("End the session?", "The striker is stopped. The recording so far is kept.", "End the session", () =>
-      page.order("/api/session/abort"),
+    confirm(
+      "End the session?",
+      "The striker is stopped. The recording so far is kept.",
+      "End the session",
+      () => page.order("/api/session/abort"),
     ),
   );
 }
@@ -30,7 +33,7 @@ export function connect(context) {
 export function action(snapshot) {
   if (snapshot.session?.paused)
     return { label: "Resume", problem: "", run: () => page.order("/api/session/resume") };
-  if (snapshot.prompt) return { label: "Place the object", problem: "", run: () => page.goTo("place") };
+  if (snapshot.prompt) return { label: "Place the object", problem: "", run: page.follow };
   return null;
 }
 
@@ -52,15 +55,20 @@ function drawVerdict(strike, session) {
   setText(byId("verdict-title"), `${strike.id}: ${strike.edge}`);
   setText(byId("verdict-tag"), verdictText(strike.verdict));
   byId("verdict-tag").className = `tag ${good ? "pass" : "fail"}`;
-  setText(byId("verdict-reason"), strike.reason);
+  setText(byId("verdict-reason"), sentence(strike.reason));
   const curve = curveOf(strike, session);
   const text = curve
     ? "Dots: measured angle. Line: fit. Shaded: window of the fit. Dashed: balance angle φ."
-    : curve === null ? "The curve is being loaded." : "There is no curve of this strike.";
+    : curve === null
+      ? "The curve is being loaded."
+      : "There is no curve of this strike.";
   setText(byId("curve-text"), text);
   rebuild(byId("verdict-facts"), strike, () =>
     [
-      ["Balance angle φ", isNumber(strike.phi_deg) ? `${fixed(strike.phi_deg, 2)}° ± ${fixed(strike.phi_sd_deg, 3)}°` : "–"],
+      [
+        "Balance angle φ",
+        isNumber(strike.phi_deg) ? `${fixed(strike.phi_deg, 2)}° ± ${fixed(strike.phi_sd_deg, 3)}°` : "–",
+      ],
       ["Energy ratio E", fixed(strike.energy_ratio, 2)],
       ["Used", strike.used ? "yes" : "no"],
     ].map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))),
@@ -74,7 +82,11 @@ function drawVerdict(strike, session) {
 }
 
 function row(strike, shown) {
-  const open = make("button", { type: "button", class: "link", "data-key": strike.id, "aria-pressed": strike.id === shown }, strike.id);
+  const open = make(
+    "button",
+    { type: "button", class: "link", "data-key": strike.id, "aria-pressed": strike.id === shown },
+    strike.id,
+  );
   open.addEventListener("click", () => {
     chosen = strike.id;
     page.redraw();
@@ -103,7 +115,8 @@ function drawOrders(snapshot, mayOrder) {
   setText(byId("order-pause"), session.paused && running ? "Resume" : "Pause after this strike");
   setDisabled(byId("order-abort"), !mayOrder || !running);
   const pausing = running && session.paused !== null && session.state !== "paused";
-  const waits = running && !prompt ? "Again, Harder and Skip are possible when the session asks for a placement." : "";
+  const waits =
+    running && !prompt ? "Again, Harder and Skip are possible when the session asks for a placement." : "";
   setText(byId("orders-note"), pausing ? "The session pauses before the next strike." : waits);
 }
 
@@ -118,8 +131,12 @@ export function draw(snapshot, mayOrder) {
   setText(byId("strikes-progress"), `${session.done} of ${session.total}`);
   const newest = strikes.at(-1);
   const shown = strikes.find((strike) => strike.id === chosen) ?? newest;
-  rebuild(byId("strike-rows"), [strikes, shown?.id], () => [...strikes].reverse().map((strike) => row(strike, shown?.id)));
-  show(byId("verdict-title").closest(".panel"), Boolean(shown));
+  rebuild(byId("strike-rows"), [strikes, shown?.id], () =>
+    [...strikes].reverse().map((strike) => row(strike, shown?.id)),
+  );
+  for (const id of ["verdict-head", "verdict-reason", "verdict-facts", "curve", "curve-text"])
+    show(byId(id), Boolean(shown));
+  show(byId("verdict-none"), !shown);
   if (shown) drawVerdict(shown, session);
 }
 
