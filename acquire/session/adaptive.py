@@ -170,3 +170,15 @@ class AdaptiveOrder:
 
     def _give_up(self, text: str) -> None:
         self.ending, self.missed = text, True
+
+
+def estimate_text(estimate: SessionEstimate | None) -> str:
+    """Line for the operator on an answer so far; "" if it states no centre of mass."""
+    if estimate is None or estimate.com_half_width_m is None:
+        return ""
+    failed = [check.name for check in estimate.checks if not check.passed]
+    doubts = f", not yet: {', '.join(failed)}" if failed else ""
+    return (
+        f"so far: centre of mass to {1e3 * estimate.com_half_width_m:.2f} mm from "
+        f"{counted(estimate.strikes, 'strike')}{doubts}"
+    )

@@ -20,7 +20,7 @@ from acquire.errors import (
     StrikerStopped,
 )
 from acquire.session import actions, events, waits
-from acquire.session.adaptive import Target
+from acquire.session.adaptive import Target, estimate_text
 from acquire.session.earlier import EarlierStrikes
 from acquire.session.holds import wait_while_held
 from acquire.session.machine import SessionMachine, State
@@ -385,13 +385,8 @@ class SessionRunner:
     def _advise(self, request: AdviceRequest) -> events.Event:
         answer = self._client.call("watch.advise", **request.model_dump(), timeout_s=waits.ADVICE_TIMEOUT_S)
         estimate = SessionEstimate.model_validate(answer["estimate"]) if answer["estimate"] else None
-        if estimate is not None and estimate.com_half_width_m is not None:
-            failed = [check.name for check in estimate.checks if not check.passed]
-            doubts = f", not yet: {', '.join(failed)}" if failed else ""
-            self._report(
-                f"so far: centre of mass to {1e3 * estimate.com_half_width_m:.2f} mm from "
-                f"{counted(estimate.strikes, 'strike')}{doubts}"
-            )
+        if text := estimate_text(estimate):
+            self._report(text)
         return events.Advised(estimate)
 
     def _write_record(self, action: actions.WriteRecord) -> None:

@@ -135,6 +135,7 @@ class RigLink:
                     self.report.session = answer["session"]
                     self.report.curves = frozenset(answer["curves"])
                     self.report.hold = client.call("hold.status")
+                    self.report.estimate = client.call("watch.latest")["estimate"]
                 for event in self._listener.events():
                     self._take(event)
             except AcquireError:

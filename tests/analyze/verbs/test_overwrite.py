@@ -57,7 +57,7 @@ def _path_options(command: click.Command, name: str = "") -> set[tuple[str, str]
     return {
         (name, short)
         for option in options
-        if isinstance(option.type, click.Path)
+        if isinstance(option.type, click.Path) and option.type.file_okay
         for short in [option.opts[0]]
         if not {*option.opts} & (READ | FOLDERS)
     }
