@@ -28,6 +28,9 @@ class Adviser:
         self._series: tuple[Path, int] | None = None
         self._latest: SessionEstimate | None = None
         self._changed = threading.Condition()
+        self._informed = 0
+        self.asked = False
+        """True once the session itself has asked for advice in this recording"""
 
     @property
     def latest(self) -> SessionEstimate | None:
@@ -48,19 +51,41 @@ class Adviser:
             The answer; None if the child process ended or does not answer in time.
         """
         end = time.monotonic() + timeout_s
-        process = self._running((file, part))
-        process.send(request)
+        self.asked = True
+        for _ in range(2):  # a child that died meanwhile is started once more
+            process = self._running((file, part))
+            process.send(request)
+            if (answer := self._awaited(process, request.number, end)) is not None:
+                return answer
+            if process.alive:
+                break
+        return None
+
+    def _awaited(self, process: LineProcess, number: int, end_s: float) -> SessionEstimate | None:
+        """Answer to the request `number`; None if the child ends, or does not answer until `end_s`."""
         with self._changed:
-            while self._latest is None or self._latest.number != request.number:
-                left = end - time.monotonic()
+            while self._latest is None or self._latest.number != number:
+                left = end_s - time.monotonic()
                 if left <= 0 or not process.alive:
                     return None
                 self._changed.wait(min(left, 0.5))
             return self._latest
 
+    def inform(self, file: Path, part: int, strike_id: str) -> None:
+        """Let the answer so far be published once a strike has been read, without waiting for it.
+
+        Args:
+            file: first file of the recording.
+            part: number of the file that is being written.
+            strike_id: id of the newest attempt.
+        """
+        self._informed += 1
+        self._running((file, part)).send(AdviceRequest(number=self._informed, strike_id=strike_id))
+
     def close(self) -> None:
         """End the child process and forget its answers; does nothing if there is none."""
         process, self._process = self._process, None
+        self.asked = False
         self._series, self._latest = None, None
         if process is not None:
             process.close()
@@ -68,8 +93,9 @@ class Adviser:
     def _running(self, series: tuple[Path, int]) -> LineProcess:
         """Child process for a recording, started if there is none."""
         if self._process is None or not self._process.alive or series != self._series:
+            asked = self.asked
             self.close()
-            self._series = series
+            self.asked, self._series = asked, series
             self._process = LineProcess(["analyze", "advise", str(series[0])], self._take, self._note_end)
         return self._process
 

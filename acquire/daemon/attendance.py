@@ -56,6 +56,11 @@ class Attendance:
         """reason of a hold that begins when the present strike is recorded; empty if there is none"""
         self._closed = False
 
+    @property
+    def attended(self) -> bool:
+        """True while a console attends."""
+        return bool(self._leases)
+
     # --- requests ---
 
     def attend(self, connection: Connection, params: dict[str, Any]) -> dict[str, Any]:

@@ -238,6 +238,8 @@ class Daemon:
     def _write_strike(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
         self._recording.write_strike(pb.StrikeRecord(**params))
         self._attendance.note_strike()
+        if self._attendance.attended and not self._adviser.asked:
+            self._adviser.inform(*self._recording.series(), str(params["strike_id"]))
         return {}
 
     # --- striker ---

@@ -99,8 +99,8 @@ class Adviser:
         met = False
         if solved is not None:
             checks = stopping_checks(solved)
-            met = reached(solved).meets(target) and all(each.passed for each in checks)
-        choice = None if met else self._choice(evidence, solved, target, request)
+            met = target != Target() and reached(solved).meets(target) and all(c.passed for c in checks)
+        choice = None if met or target == Target() else self._choice(evidence, solved, target, request)
         return SessionEstimate(
             number=request.number,
             strike_id=self.newest,

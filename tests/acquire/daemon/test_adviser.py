@@ -1,0 +1,82 @@
+"""Handle of `analyze advise`: answers, publication without waiting, and a child that is killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from acquire.daemon.adviser import Adviser
+from schemas.watch_lines import AdviceRequest, SessionEstimate
+from tests.places import FIRST_SAMPLE
+
+PATIENCE_S = 60.0
+
+
+@pytest.fixture
+def published() -> list[SessionEstimate]:
+    return []
+
+
+@pytest.fixture
+def adviser(published: list[SessionEstimate]) -> Iterator[Adviser]:
+    handle = Adviser(published.append)
+    yield handle
+    handle.close()
+
+
+def wait_for(published: list[SessionEstimate]) -> None:
+    end = time.monotonic() + PATIENCE_S
+    while not published and time.monotonic() < end:
+        time.sleep(0.05)
+
+
+def ask(adviser: Adviser, number: int, path: Path = FIRST_SAMPLE, part: int = 1) -> SessionEstimate | None:
+    request = AdviceRequest(number=number, target_com_m=1e-3, left=5)
+    return adviser.ask(path, part, request, PATIENCE_S)
+
+
+def test_requests_are_answered_and_published(adviser: Adviser, published: list[SessionEstimate]) -> None:
+    first = ask(adviser, 1)
+    assert first is not None
+    assert first.number == 1
+    assert first.com_m is not None
+    assert adviser.latest == first
+    wait_for(published)
+    assert published == [first]
+    assert adviser.asked
+
+
+def test_a_killed_child_is_started_again_by_the_next_request(adviser: Adviser) -> None:
+    first = ask(adviser, 1)
+    assert adviser._process is not None
+    os.kill(adviser._process.pid, signal.SIGKILL)
+    second = ask(adviser, 2)
+    assert second is not None
+    assert first is not None
+    assert second.com_m == first.com_m
+    assert adviser.asked
+
+
+def test_a_child_that_cannot_read_the_recording_gives_no_answer(adviser: Adviser, tmp_path: Path) -> None:
+    path = tmp_path / "r.mcap"
+    path.write_bytes(b"no recording at all")
+    began = time.monotonic()
+    assert ask(adviser, 1, path) is None
+    assert time.monotonic() - began < PATIENCE_S
+
+
+def test_an_answer_is_published_without_a_target_and_without_waiting(
+    adviser: Adviser, published: list[SessionEstimate]
+) -> None:
+    adviser.inform(FIRST_SAMPLE, 1, "")
+    assert not adviser.asked
+    wait_for(published)
+    (found,) = published
+    assert found.com_m is not None
+    assert not found.target.met
+    assert found.next is None
