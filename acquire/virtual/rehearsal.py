@@ -118,8 +118,9 @@ class _Recordings:
     def _complete(self, path: Path) -> None:
         try:
             merge_truth(path, Path(self.world.truth()), self.since_ns - _MARGIN_NS)
-        except AcquireError as error:
-            self.show(f"the ground truth was not added to {path}: {error}")
+        except (AcquireError, OSError) as error:
+            if path.exists():  # the video of a check is deleted at once
+                self.show(f"the ground truth was not added to {path}: {error}")
         else:
             self.show(f"the ground truth was added: analyze score {shlex.quote(str(path))}")
 

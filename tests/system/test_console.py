@@ -44,6 +44,8 @@ class Bench:
         self.rig_file = folder / "rig.toml"
         self.recordings = folder / "recordings"
         self.programs: list[subprocess.Popen[str]] = []
+        self.addresses: dict[int, str] = {}
+        """address that each console printed for one browser, by its process"""
 
     def start(self, *arguments: object) -> subprocess.Popen[str]:
         program = subprocess.Popen(
@@ -61,7 +63,8 @@ class Bench:
             "--port", 0, "--no-browser",
         )  # fmt: skip
         assert program.stdout is not None
-        assert "?token=" in program.stdout.readline()
+        self.addresses[program.pid] = program.stdout.readline().split()[-1]
+        assert "?token=" in self.addresses[program.pid]
         return program
 
     def client(self) -> ConsoleClient:

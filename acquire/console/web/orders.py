@@ -28,7 +28,7 @@ class StartSession(Document):
 
     object_id: Id
     plan_id: Id
-    name: str = Field(default="", max_length=60, pattern=r"^[A-Za-z0-9 ._-]*$")
+    name: str = Field(default="", max_length=80, pattern=r"^[A-Za-z0-9 ._-]*$")
     """name of the recording; empty: made from the object's name and the time"""
     until: str = Field(default="", max_length=80, pattern=r"^[a-z0-9=.,% ]*$")
     """target that ends the session, as `com=0.5mm,inertia=2%`; empty: all strikes of the plan"""

@@ -98,6 +98,7 @@ class CheckRun:
         self, rig: Path, on_line: Callable[[dict[str, Any]], None], on_end: Callable[[bool | None], None]
     ) -> None:
         self._on_line, self._on_end = on_line, on_end
+        self._cancelled = False
         self._process = subprocess.Popen(
             [sys.executable, "-m", "acquire", "check", str(rig), "--json-lines"],
             stdin=subprocess.DEVNULL,
@@ -110,7 +111,8 @@ class CheckRun:
         self._thread.start()
 
     def close(self) -> None:
-        """End the check, and its thread."""
+        """End the check, and its thread; `on_end` is not called if it had not ended by itself."""
+        self._cancelled = True
         with contextlib.suppress(OSError):
             self._process.terminate()
         self._thread.join()
@@ -127,7 +129,8 @@ class CheckRun:
                     else:
                         self._on_line(data)
         self._process.wait()
-        self._on_end(passed)
+        if not self._cancelled:
+            self._on_end(passed)
 
 
 class Analyses:

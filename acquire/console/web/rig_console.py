@@ -91,8 +91,7 @@ class RigConsole:
         report = self._link.report
         status = report.status
         camera_trouble = [] if status is None else [status["trouble"], *status["warnings"]]
-        striker = view.striker_view(report)
-        refusal = "" if striker is None else striker.text
+        refusal = "" if status is None else str(status["striker_trouble"])
         stopped = refusal == "stopped on request"
         return Snapshot(
             time_ns=time.time_ns(),
@@ -102,7 +101,7 @@ class RigConsole:
             daemon=self._daemon_view(status),
             check=self._check_view,
             camera=view.camera_view(report, self._rig, self._live.aids),
-            striker=striker,
+            striker=view.striker_view(report),
             disk=view.disk_view(self._free_bytes, self._rig),
             trouble=[text for text in (*camera_trouble, *report.trouble) if text],
             choices=self._listing.choices,
@@ -158,22 +157,28 @@ class RigConsole:
         self._link.call("striker.home", stops_seen=status["stops"])
 
     def start_daemon(self) -> None:
-        """Start the daemon in a process of its own; return when it listens or has failed."""
+        """Start the daemon in a process of its own; return when it listens or has failed.
+
+        A check that runs holds camera and servo: it is ended, and begun again through the daemon.
+        """
         with self._one_start():
             if self._link.running:
                 raise Refusal(409, "Running", "the daemon runs already")
+            checking = self._check_view.running
+            if checking and self._check is not None:
+                self._check.close()
+                self._check_view = CheckView(running=False, passed=None, lines=[])
             self._daemon = start_daemon(self._rig_path, self._link.socket)
             _wait(lambda: self._link.running, 5.0)
+            if checking:
+                self._begin_check()
 
     def start_check(self) -> None:
         """Start the preflight check; its lines appear in the snapshot."""
         with self._one_start():
             if self._check_view.running:
                 raise Refusal(409, "Running", "the check runs already")
-            if self._check is not None:
-                self._check.close()
-            self._check_view = CheckView(running=True, passed=None, lines=[])
-            self._check = CheckRun(self._rig_path, self._add_check, self._end_check)
+            self._begin_check()
 
     def start_session(self, order: StartSession) -> None:
         """Start a session in a process of its own; return when its recording is open.
@@ -194,11 +199,8 @@ class RigConsole:
             path = self._new_recording(order.name or _recording_name(name))
             arguments = ["acquire", "session", str(thing), str(plan), "-o", str(path)]
             arguments += ["--rig", str(self._rig_path), "--prompts", "others"]
-            for option, value in (
-                ("--note", note),
-                ("--until", order.until),
-                ("--max-strikes", order.max_strikes),
-            ):
+            options = {"--note": note, "--until": order.until, "--max-strikes": order.max_strikes}
+            for option, value in options.items():
                 arguments += [option, str(value)] if value else []
             self._aborting, self._session_began_ns = False, time.time_ns()
             self._cards.draw(thing, plan)
@@ -254,8 +256,8 @@ class RigConsole:
     def curve(self, strike_id: str) -> Curve:
         """Curve of a strike of the session."""
         found = self._link.call("session.curve", strike_id=strike_id)
-        session = self._link.report.session or {"strikes": []}
-        phi = next((each["phi_rad"] for each in session["strikes"] if each["id"] == strike_id), None)
+        strikes = (self._link.report.session or {"strikes": []})["strikes"]
+        phi = next((each["phi_rad"] for each in strikes if each["id"] == strike_id), None)
         window = found["fit_time_s"] or found["time_s"]
         return Curve(
             time_s=found["time_s"],
@@ -301,6 +303,12 @@ class RigConsole:
             yield
         finally:
             self._starting.release()
+
+    def _begin_check(self) -> None:
+        if self._check is not None:
+            self._check.close()
+        self._check_view = CheckView(running=True, passed=None, lines=[])
+        self._check = CheckRun(self._rig_path, self._add_check, self._end_check)
 
     def _require_session(self) -> None:
         status = self._link.report.status

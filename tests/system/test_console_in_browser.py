@@ -1,0 +1,76 @@
+"""The operator's page in Chromium on the virtual rig: a session by its main button alone."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.system.test_console import SESSION_S, Bench, bench, is_over
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+__all__ = ["bench"]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(500)]
+
+
+def wait(page: Page, done: Callable[[], bool], timeout_s: float = 60.0) -> None:
+    end_s = time.monotonic() + timeout_s
+    while not done():
+        assert time.monotonic() < end_s, page.locator("main").inner_text()
+        page.wait_for_timeout(100)
+
+
+def press_main(page: Page, label: str, timeout_s: float = 60.0) -> None:
+    """Press Enter, the key of the main button, once that button offers what is wanted."""
+    action = page.locator("#action")
+    shown = page.locator("#action-label")
+    wait(page, lambda: action.is_enabled() and label in shown.inner_text(), timeout_s)
+    page.keyboard.press("Enter")
+
+
+def test_a_whole_session_by_the_page_alone(chromium: Browser, bench: Bench) -> None:
+    console = bench.start_console()
+    page = chromium.new_page(viewport={"width": 1280, "height": 900})
+    problems: list[str] = []
+    page.on("pageerror", lambda error: problems.append(str(error)))
+    page.on("console", lambda line: problems.append(line.text) if "Content Security" in line.text else None)
+    page.goto(bench.addresses[console.pid])
+    press_main(page, "Start the daemon")
+    wait(page, lambda: page.locator("#no-daemon").is_hidden())
+    if "heck" in page.locator("#action-label").inner_text():
+        page.keyboard.press("Enter")
+    wait(page, lambda: "Start" in page.locator("#action-label").inner_text(), 90.0)
+    with bench.client() as looks_on:
+        wait(page, lambda: looks_on.state().check.passed is not None, 90.0)
+    wait(page, lambda: page.locator("#check").is_enabled(), 60.0)
+    if page.locator("#override-field").is_visible():  # a busy computer loses frames
+        page.locator("#override").fill("a test on a busy computer")
+        page.evaluate("document.activeElement.blur()")
+    press_main(page, "Start")
+    end_s = time.monotonic() + SESSION_S
+    label = page.locator("#action-label")
+    with bench.client() as looks_on:
+        answered = -1
+        while not is_over(state := looks_on.state()):
+            assert time.monotonic() < end_s, page.locator("main").inner_text()
+            ready = state.prompt is not None and state.prompt.hands_off and state.prompt.id != answered
+            if ready and "laced" in label.inner_text() and page.locator("#action").is_enabled():
+                answered = state.prompt.id if state.prompt is not None else -1
+                page.keyboard.press("Enter")
+            page.wait_for_timeout(100)
+        assert state.session is not None
+        assert state.session.state == "finished", state.session
+        wait(page, lambda: looks_on.archive()[0].complete)
+        entry = looks_on.archive()[0]
+    page.keyboard.press("5")
+    wait(page, lambda: entry.object in page.locator("#archive-rows").inner_text())
+    with page.context.expect_page() as opened:
+        page.locator("#archive-rows").get_by_text("Report").first.click()
+    report = opened.value
+    report.wait_for_load_state(timeout=120_000)
+    assert "entre of mass" in report.content()
+    assert not problems
