@@ -48,7 +48,7 @@ class StatedEdge:
 
 def sides_of(tip: PossibleTip) -> frozenset[str]:
     """Sides of the object that meet in the edge of a tip: those underneath and those ahead, as "+x"."""
-    found = [*signed_axes(-tip.axis.plane.up), *signed_axes(tip.axis.tip)]
+    found = [*signed_axes((-tip.axis.plane.up).tolist()), *signed_axes(tip.axis.tip.tolist())]
     return frozenset(name.replace("−", "-") for name in found)
 
 
