@@ -169,7 +169,7 @@ class ArmedView(Document):
 
 
 class StopView(Document):
-    """Whether the striker was stopped, and how long the last stop took from the request to torque off."""
+    """Whether the striker was stopped, and how long it took until the striker had the last stop."""
 
     stopped: bool
     text: str

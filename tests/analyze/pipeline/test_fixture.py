@@ -3,7 +3,7 @@ import pytest
 
 from analyze.export.export_source import ExportInput
 from analyze.export.formats import Format
-from analyze.pipeline import estimate
+from analyze.pipeline import solved
 from analyze.pipeline.estimate import estimate_evidence
 from analyze.planning.hypothesis import hypothesis
 from analyze.result.answer import Answer
@@ -29,7 +29,7 @@ def session():
     thing = cloud(OBJECT_SIZE, OBJECT_CENTRE, OBJECT_MASS, rng, lump=0.4)
     struck = thing.and_also(base_as_stated(rng))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(estimate, "CELLS", 800)
+        patch.setattr(solved, "CELLS", 800)
         return thing, Answer.from_estimate(estimate_evidence(held_evidence(housing_spec(), struck, rng)))
 
 

@@ -69,7 +69,7 @@ function armedSign(armed) {
  */
 export function signFor(snapshot, verdictIsNew) {
   const { session, prompt, armed, stop } = snapshot;
-  if (stop?.stopped) return { word: "STOPPED", tone: "stop", text: "Torque off by software." };
+  if (stop?.stopped) return { word: "STOPPED", tone: "stop", text: "Arm braked and held by software." };
   if (armed || session?.state === "striking") return armedSign(armed);
   if (!session) return { word: "NO SESSION", tone: "idle", text: "Start one in Ready." };
   if (session.state === "paused") return { word: "PAUSED", tone: "wait", text: session.paused ?? "" };

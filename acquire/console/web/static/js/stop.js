@@ -64,7 +64,7 @@ export function drawStop(snapshot, mayOrder) {
     setText(byId("stopped-text"), USE_SWITCH);
   } else if (stopped) {
     const latency = snapshot.stop.latency_ms;
-    const time = isNumber(latency) ? ` Torque off ${fixed(latency, 0)} ms after the press.` : "";
+    const time = isNumber(latency) ? ` The striker took it ${fixed(latency, 0)} ms after the press.` : "";
     setText(byId("stopped-title"), "STOPPED");
     setText(byId("stopped-text"), sentence(snapshot.stop.text) + time);
   }
