@@ -54,7 +54,8 @@ demo: setup  ## a whole session on the virtual rig, and its answer compared with
 	@echo "next: source $(BIN)/activate, then analyze and acquire are commands of this shell"
 
 # What only computes runs on all cores. What keeps time with devices mostly waits for them. Long files first (tests/conftest.py), lest one worker ends alone.
-COMPUTING := tests/analyze tests/attack tests/world tests/schemas tests/docs tests/test_architecture.py tests/test_source_rules.py
+PAGES := tests/acquire/console/web/pages
+COMPUTING := tests/analyze tests/attack tests/world tests/schemas tests/docs tests/test_architecture.py tests/test_source_rules.py $(PAGES)
 TIMED := tests/system tests/contracts tests/acquire
 
 # Where the environment forbids bytecode every worker compiles the tests anew and every program that a test starts itself: 40 s of CPU.
@@ -62,7 +63,7 @@ test test-slow: export PYTHONDONTWRITEBYTECODE :=
 
 test: setup $(VENV)/.browser  ## every test that needs no hardware
 	@$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations=12 $(COMPUTING)
-	@$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --durations=12 $(TIMED)
+	@$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --durations=12 --ignore=$(PAGES) $(TIMED)
 
 test-slow: setup $(VENV)/.browser  ## the tests that take longer: faults, whole sessions
 	@$(BIN)/python -m pytest -m 'slow and not hardware'

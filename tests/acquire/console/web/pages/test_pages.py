@@ -261,7 +261,7 @@ def test_pedal_leaves_a_verdict_and_the_view_still_follows(page, server):
 def test_trouble_that_was_read_is_not_shown_again(page, server):
     show_state(page, server, "no-camera")
     page.click("#trouble-close")
-    assert page.locator("#trouble").is_hidden()
+    page.wait_for_selector("#trouble", state="hidden")
     server.show(base() | {"trouble": ["12 frames lost"]})
     page.wait_for_selector("#trouble", state="visible")
 
