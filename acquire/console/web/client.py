@@ -6,6 +6,7 @@ import contextlib
 import http.client
 import json
 import secrets
+import socket
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -139,9 +140,14 @@ class ConsoleClient:
 
     def close(self) -> None:
         """End the presence of this script as operator."""
-        if self._presence is not None:
-            self._presence.close()
-            self._presence = None
+        presence, self._presence = self._presence, None
+        if presence is None:
+            return
+        if presence.sock is not None:
+            with contextlib.suppress(OSError):  # it has ended already
+                # Closing alone waits for the thread that reads from it.
+                presence.sock.shutdown(socket.SHUT_RDWR)
+        presence.close()
 
     def __enter__(self) -> ConsoleClient:
         return self

@@ -33,6 +33,8 @@ class StartSession(Document):
     until: str = Field(default="", max_length=80, pattern=r"^[a-z0-9=.,% ]*$")
     """target that ends the session, as `com=0.5mm,inertia=2%`; empty: all strikes of the plan"""
     max_strikes: int | None = Field(default=None, ge=1, le=200)
+    resume: list[Id] = Field(default_factory=list[Id], max_length=8)
+    """recordings of the same plan, from the archive, with which the session goes on"""
     override: str = Field(default="", max_length=300)
     """reason to start although the preflight check failed; it is written into the recording"""
 

@@ -199,9 +199,10 @@ class RigConsole:
             path = self._new_recording(order.name or _recording_name(name))
             arguments = ["acquire", "session", str(thing), str(plan), "-o", str(path)]
             arguments += ["--rig", str(self._rig_path), "--prompts", "others"]
-            options = {"--note": note, "--until": order.until, "--max-strikes": order.max_strikes}
-            for option, value in options.items():
-                arguments += [option, str(value)] if value else []
+            given = {"--note": note, "--until": order.until, "--max-strikes": order.max_strikes}
+            arguments += [text for name, value in given.items() if value for text in (name, str(value))]
+            for each in order.resume:
+                arguments += ["--resume", str(self._archive.finished(each))]
             self._aborting, self._session_began_ns = False, time.time_ns()
             self._cards.draw(thing, plan)
             log = self._link.socket.with_name(f"{self._link.socket.name}.session.log")

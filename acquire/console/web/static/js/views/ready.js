@@ -2,7 +2,8 @@
 
 import { byId, make, rebuild, setDisabled, setText, show } from "../dom.js";
 import { isChecked, isRunning, startObstacle } from "../follow.js";
-import { bytes, counted, fixed, minutes, sentence } from "../format.js";
+import { bytes, counted, dateTime, fixed, minutes, sentence } from "../format.js";
+import { get } from "../orders.js";
 import { Preview } from "../preview.js";
 import { connectHistogram, drawAids } from "./aids.js";
 import { checkItems, quiet, summary, urgent } from "./checks.js";
@@ -11,8 +12,14 @@ const LEAST_REASON = 3;
 /** Width of the window [px] from which the checks that passed are unfolded at first. */
 const WIDE_PX = 700;
 
+const NEW_SESSION = "nothing: a new session";
+/** Recordings that are offered to go on with, the newest first. */
+const MAX_EARLIER = 8;
+
 let page;
 let preview;
+let earlier = [];
+let earlierFor = null;
 
 /** Connect the view's controls; `context` has `order(path, content)`, `latest()` and `redraw()`. */
 export function connect(context) {
@@ -52,6 +59,7 @@ function startProblem(snapshot) {
 
 async function start(snapshot) {
   const content = { object_id: byId("object").value, plan_id: byId("plan").value };
+  if (byId("resume").value) content.resume = [byId("resume").value];
   if (byId("name").value.trim()) content.name = byId("name").value.trim();
   if (untilChosen()) {
     content.until = target();
@@ -94,6 +102,25 @@ function options(select, entries, placeholder) {
   if (entries.some(([id]) => id === chosen)) select.value = chosen;
 }
 
+/** Load the recordings to go on with: once, and again when a session has begun or ended. */
+async function loadEarlier(key) {
+  earlierFor = key;
+  earlier = await get("/api/archive").catch(() => []);
+  page.redraw();
+}
+
+function drawEarlier(snapshot) {
+  const key = `${snapshot.session?.began_ns} ${isRunning(snapshot.session)}`;
+  if (key !== earlierFor) loadEarlier(key);
+  const name = snapshot.choices.objects.find((each) => each.id === byId("object").value)?.name;
+  const fitting = earlier.filter((each) => each.complete && each.object === name).slice(0, MAX_EARLIER);
+  const entries = fitting.map((each) => [
+    each.id,
+    `${each.file} (${counted(each.strikes, "strike")}, ${dateTime(each.date)})`,
+  ]);
+  options(byId("resume"), [["", NEW_SESSION], ...entries], NEW_SESSION);
+}
+
 function drawForm(snapshot, mayOrder) {
   const { objects, plans } = snapshot.choices;
   options(
@@ -107,6 +134,7 @@ function drawForm(snapshot, mayOrder) {
     fitting.map((each) => [each.id, `${each.name} (${counted(each.strikes, "strike")})`]),
     "no plan for this object",
   );
+  drawEarlier(snapshot);
   show(byId("until-fields"), untilChosen());
   const running = isRunning(snapshot.session);
   show(byId("override-field"), snapshot.daemon.running && snapshot.check.passed === false && !running);
