@@ -2,8 +2,8 @@
 
     python -m pytest -m slow tests/system/test_console_kills.py
 
-Sessions stop themselves, and go on with the recordings so far after each death of the daemon. Every strike that
-the console once showed with a verdict must be in a recording at the end.
+Sessions stop themselves, and go on with the recordings so far after each death of the daemon. Every strike
+that the console once showed with a verdict must be in a recording at the end.
 """
 
 from __future__ import annotations
