@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquire.console.web.client import ConsoleClient
+from acquire.console.web.client import ConsoleClient, ConsoleRefused
 from acquire.console.web.orders import StartSession
 from acquire.daemon.client import DaemonClient
 from acquire.errors import AcquireError
@@ -39,6 +39,12 @@ PAUSE_S = (2.0, 9.0)
 SESSION_S = 240.0
 
 
+def is_open(bench: Bench) -> bool:
+    """True while a recording is open or being finished."""
+    with DaemonClient(bench.socket) as client:
+        return client.call("status")["recording"] is not None
+
+
 class Killer:
     """Operator of a bench whose programs are killed: answers prompts, and mends what died."""
 
@@ -51,6 +57,8 @@ class Killer:
         self.console = bench.start_console()
         self.client = self.attach()
         self.answered = -1
+        self.unfinished: list[str] = []
+        """files of the session that the daemon's death ended, to go on with"""
 
     @property
     def kills(self) -> int:
@@ -62,20 +70,24 @@ class Killer:
         return client
 
     def begin(self) -> None:
-        """Start the daemon if it is dead, and a session that goes on with all finished recordings."""
-        if not wait(self.client, lambda state: bool(state.choices.plans)).daemon.running:
+        """Start the daemon if it is dead, and a session; go on with one that the daemon's death ended."""
+        wait(self.client, lambda state: bool(state.choices.plans))
+        with contextlib.suppress(ConsoleRefused):  # it runs already
+            time.sleep(1.5)  # until the console knows whether the daemon is alive
             self.client.start_daemon()
         self.recover()
+        wait(self.client, lambda state: not is_open(self.bench))
         choices = self.client.state().choices
-        done = [entry.id for entry in self.client.archive() if entry.complete and entry.strikes]
+        kept = [entry for entry in self.client.archive() if entry.complete and entry.strikes]
+        done = [entry.id for entry in kept if entry.file in self.unfinished]
         self.client.start_session(
             StartSession(
                 object_id=choices.objects[0].id,
                 plan_id=choices.plans[0].id,
-                name=f"k{len(self.shown)}",
-                until="com=0.2mm",
+                name=f"k{len(self.shown)}-{self.kills}",
+                until="com=0.3mm",
                 max_strikes=6,
-                resume=done[:8],
+                resume=done,
                 override="a test",
             )
         )
@@ -111,6 +123,7 @@ class Killer:
         if victim == "console":
             self.console.kill()
             self.console.wait()
+            self.client.close()
             self.console = self.bench.start_console()
             self.client = self.attach()
         elif victim == "browser":
@@ -121,6 +134,8 @@ class Killer:
             with DaemonClient(self.bench.socket) as client:
                 daemon = int(client.call("status")["pid"])
             victims = [daemon] if victim == "daemon" else children_of(daemon, "analyze advise")
+            if victim == "daemon":
+                self.unfinished.append(next(reversed(self.shown), ""))
             for pid in victims:
                 os.kill(pid, signal.SIGKILL)
             if not victims:
@@ -135,6 +150,7 @@ def test_programs_killed_at_random_moments_lose_no_strike(bench: Bench) -> None:
     killer = Killer(bench, 27)
     while killer.kills < KILLS:
         killer.begin()
+        before = killer.killed["daemon"]
         killer.answered, end_s = -1, time.monotonic() + SESSION_S
         next_s = time.monotonic() + float(killer.rng.uniform(*PAUSE_S))
         while not killer.look():
@@ -143,6 +159,8 @@ def test_programs_killed_at_random_moments_lose_no_strike(bench: Bench) -> None:
                 killer.kill()
                 next_s = time.monotonic() + float(killer.rng.uniform(*PAUSE_S))
             time.sleep(0.1)
+        if killer.killed["daemon"] == before:
+            killer.unfinished.clear()
     killer.recover()
     kept = {path.name: set(load(path).strike_ids) for path in bench.recordings.glob("*.mcap")}
     sys.stdout.write(f"{killer.killed}; {sum(map(len, kept.values()))} strikes in {len(kept)} recordings\n")
