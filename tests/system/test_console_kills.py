@@ -162,6 +162,7 @@ def test_programs_killed_at_random_moments_lose_no_strike(bench: Bench) -> None:
         if killer.killed["daemon"] == before:
             killer.unfinished.clear()
     killer.recover()
+    killer.client.close()
     kept = {path.name: set(load(path).strike_ids) for path in bench.recordings.glob("*.mcap")}
     sys.stdout.write(f"{killer.killed}; {sum(map(len, kept.values()))} strikes in {len(kept)} recordings\n")
     for name, shown in killer.shown.items():

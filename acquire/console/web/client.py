@@ -164,12 +164,13 @@ class ConsoleClient:
 
     def _states(self, connection: http.client.HTTPConnection) -> Iterator[Snapshot]:
         connection.request("GET", "/api/events", headers=self._headers())
-        answer = connection.getresponse()
-        if answer.status != 200:
-            raise _refused(answer.read())
-        for line in answer:
-            if line.startswith(b"data: "):
-                yield Snapshot.model_validate_json(line.removeprefix(b"data: "))
+        # An answer that ends with its connection owns the socket.
+        with contextlib.closing(connection.getresponse()) as answer:
+            if answer.status != 200:
+                raise _refused(answer.read())
+            for line in answer:
+                if line.startswith(b"data: "):
+                    yield Snapshot.model_validate_json(line.removeprefix(b"data: "))
 
     def _read(self, path: str, model: type[D]) -> D:
         return model.model_validate_json(self._answered("GET", path))
