@@ -141,6 +141,13 @@ def run(rig: Path, as_json: bool, parent: int | None) -> None:
     help="Who answers the prompts: this terminal, or other clients of the daemon (a console).",
 )
 @click.option("--note", default="", help="Remark to write into the recording.")
+@click.option(
+    "--countdown",
+    "countdown_s",
+    default=0.0,
+    type=click.FloatRange(0, 60),
+    help="Wait this many seconds before every arming.  [default: none]",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")
 @_one_line_errors
 def session(
@@ -154,6 +161,7 @@ def session(
     from acquire.daemon.client import DaemonClient
     from acquire.recorder.atomic import refuse_taken, refuse_unwritable
     from acquire.session.earlier import read_earlier
+    from acquire.session.options import SessionOptions
     from acquire.session.runner import SessionRunner
     from acquire.session.session_input import SessionInput
 
@@ -168,10 +176,8 @@ def session(
         progress = cleanup.enter_context(SessionProgress())
         if options["prompts"] == "terminal":
             cleanup.enter_context(ConsoleOperator(socket, progress))
-        runner = SessionRunner(
-            client, given, output, progress, target=target, earlier=before, note=options["note"]
-        )
-        report = runner.run()
+        how = SessionOptions(target, before, options["note"], options["countdown_s"])
+        report = SessionRunner(client, given, output, progress, how).run()
     _print_session(report, as_json)
 
 

@@ -20,6 +20,7 @@ from acquire.daemon.client import DaemonClient, wait_for_socket
 from acquire.errors import SessionError
 from acquire.recorder.atomic import refuse_taken, refuse_unwritable
 from acquire.session.adaptive import Target
+from acquire.session.options import SessionOptions
 from acquire.session.runner import Progress, SessionRunner
 from acquire.session.session_input import SessionInput
 from acquire.session.session_report import SessionReport
@@ -175,7 +176,8 @@ def _session(
         older.unlink(missing_ok=True)
     try:
         given = SessionInput(rig.object_path, plan_path)
-        return SessionRunner(client, given, output.path, progress, SERVO_TIMEOUT_S, plan.target).run()
+        options = SessionOptions(plan.target, servo_timeout_s=SERVO_TIMEOUT_S)
+        return SessionRunner(client, given, output.path, progress, options).run()
     finally:  # a session that ends early leaves a recording as well
         shutil.copyfile(world.truth(), truth_path)
 

@@ -65,6 +65,9 @@ class SessionStatus(Document):
     total: int
     """number of all planned strikes"""
     max_strikes: int | None = None
+    arms_at_ns: int | None = Field(
+        default=None, description="Unix time at which the countdown ends and the striker is armed [ns]"
+    )
     until: str = ""
     """target at which the session ends; empty: after all planned strikes"""
     strikes: list[StrikeStatus] = Field(default=[])

@@ -68,6 +68,14 @@ class ProgressReporter:
         """
         self._report(state="paused", text=text)
 
+    def count_down(self, arms_at_ns: int | None) -> None:
+        """Report that the countdown runs, or that it has ended.
+
+        Args:
+            arms_at_ns: Unix time at which the striker is armed [ns]; None at the end of the countdown.
+        """
+        self._report(arms_at_ns=arms_at_ns)
+
     def add_strike(self, action: WriteRecord) -> None:
         """Report a strike that was recorded."""
         verdict = action.verdict

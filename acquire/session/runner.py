@@ -20,10 +20,11 @@ from acquire.errors import (
     StrikerStopped,
 )
 from acquire.session import actions, events, waits
-from acquire.session.adaptive import Target, estimate_text
-from acquire.session.earlier import EarlierStrikes
+from acquire.session.adaptive import estimate_text
+from acquire.session.countdown import count_down, hands_are_near
 from acquire.session.holds import wait_while_held
 from acquire.session.machine import SessionMachine, State
+from acquire.session.options import DEFAULT_OPTIONS, SessionOptions
 from acquire.session.plan_fit import camera_pose_problem, striker_limit_problem
 from acquire.session.progress import ProgressReporter
 from acquire.session.session_input import SessionInput
@@ -38,10 +39,6 @@ POSE_TOLERANCE_RAD = 0.14
 """largest error of a placement [rad]: 8 degrees, far above that of a careful one, far below that of a wrong
 face"""
 
-HANDS_FRACTION = 0.01
-"""fraction of the pixels in and around the object that may change between two images before the striker is
-armed; hands change more"""
-
 Progress = Callable[[str, int, int], None]
 """called with a text, the number of planned strikes done, and the number of all planned strikes"""
 
@@ -55,13 +52,10 @@ class SessionRunner:
         output: path of the recording to write.
         progress: called with a text, the number of planned strikes done, and the number of all planned
             strikes.
-        servo_timeout_s: longest wait for a servo that does not answer [s].
-        target: precision at which the session stops itself; None to make every planned strike.
-        earlier: strikes of earlier recordings with which the session goes on.
+        options: how it is carried out.
 
     Raises:
         SessionError: without a target, if every planned strike was made before.
-        note: remark to write into the recording; empty for none.
     """
 
     def __init__(
@@ -70,17 +64,11 @@ class SessionRunner:
         given: SessionInput,
         output: Path,
         progress: Progress = lambda *_: None,
-        servo_timeout_s: float = waits.SERVO_TIMEOUT_S,
-        target: Target | None = None,
-        earlier: EarlierStrikes | None = None,
-        note: str = "",
+        options: SessionOptions = DEFAULT_OPTIONS,
     ) -> None:
-        self._client = client
-        self._servo_timeout_s, self._note = servo_timeout_s, note
-        self._input = given
-        self._output = output
-        self._progress = progress
-        self._machine = SessionMachine(given.plan, target, earlier)
+        self._client, self._input, self._output = client, given, output
+        self._progress, self._options = progress, options
+        self._machine = SessionMachine(given.plan, options.target, options.earlier)
         self._status = ProgressReporter(client.call, given, output, lambda: self._machine.progress)
         self._anchor_ns = 0
         self._ordered = 0
@@ -127,7 +115,7 @@ class SessionRunner:
         event: events.Event = events.Started()
         try:
             self._report(f"homing the striker{waits.at_most(waits.HOME_TIMEOUT_S)}")
-            self._announce(actions.Announce(State.IDLE, "", 0, self._note))
+            self._announce(actions.Announce(State.IDLE, "", 0, self._options.note))
             self._client.call("striker.home", after_stop=False)
             while True:
                 for action in self._machine.handle(event):
@@ -264,7 +252,7 @@ class SessionRunner:
                 seen_ns, end = event.time_ns, time.monotonic() + waits.POSE_TIMEOUT_S
             if event is not None and event.time_ns > since_ns and event.markers:
                 error = event.placement_error_rad
-                if (event.moving_fraction or 0.0) > HANDS_FRACTION:
+                if hands_are_near(event):
                     text = "something moves beside the object: take your hands away"
                     time.sleep(0.05)
                     continue
@@ -279,11 +267,15 @@ class SessionRunner:
         return events.PoseChecked(good=False, text=trouble or text)
 
     def _arm_when_released(self) -> events.Event:
-        """Arm the striker; after a pause check the pose first, because the object may have been moved."""
+        """Arm the striker after the countdown.
+
+        If somebody came near the object or the session was held, check the pose first.
+        """
+        undisturbed = count_down(self._client.call, self._status, self._options.countdown_s)
         held = wait_while_held(self._client.call, self._machine, self._status, self._report)
         if isinstance(held, events.StopRequested):
             return held
-        return self._check_pose(self._machine.strike) if held else self._arm()
+        return self._check_pose(self._machine.strike) if held or not undisturbed else self._arm()
 
     def _arm(self) -> events.Event:
         try:
@@ -303,7 +295,7 @@ class SessionRunner:
             StrikerNotFound, StrikerLost: the servo did not answer within the wait given to the constructor.
             StrikerError: homing failed otherwise.
         """
-        end = time.monotonic() + self._servo_timeout_s
+        end = time.monotonic() + self._options.servo_timeout_s
         reported = ""
         while True:
             try:
@@ -315,7 +307,9 @@ class SessionRunner:
                     raise
                 if str(error) != reported:
                     reported = str(error)
-                    self._report(f"waiting for the striker{waits.at_most(self._servo_timeout_s)}: {reported}")
+                    self._report(
+                        f"waiting for the striker{waits.at_most(self._options.servo_timeout_s)}: {reported}"
+                    )
                 time.sleep(waits.SERVO_RETRY_S)
             else:
                 return None

@@ -14,6 +14,7 @@ from pathlib import Path
 from acquire.daemon.client import DaemonClient
 from acquire.session.adaptive import Target
 from acquire.session.earlier import EarlierStrikes
+from acquire.session.options import SessionOptions
 from acquire.session.runner import Progress, SessionRunner
 from acquire.session.session_input import SessionInput
 from acquire.session.session_report import SessionReport
@@ -97,7 +98,7 @@ class SessionRig:
         with contextlib.closing(VirtualOperator(self.daemon.socket, world, SEED)):
             given = SessionInput(self.folder / "object.toml", self.folder / "plan.json")
             output = self.folder / name
-            return SessionRunner(client, given, output, progress, target=target, earlier=earlier).run()
+            return SessionRunner(client, given, output, progress, SessionOptions(target, earlier)).run()
 
     def world(self) -> WorldLink:
         """A separate connection to the virtual world."""

@@ -87,6 +87,7 @@ class Killer:
                 name=f"k{len(self.shown)}-{self.kills}",
                 until="com=0.3mm",
                 max_strikes=6,
+                countdown_s=0,
                 resume=done,
                 override="a test",
             )

@@ -35,8 +35,18 @@ class StartSession(Document):
     max_strikes: int | None = Field(default=None, ge=1, le=200)
     resume: list[Id] = Field(default_factory=list[Id], max_length=8)
     """recordings of the same plan, from the archive, with which the session goes on"""
+    countdown_s: float = Field(default=3.0, ge=0, le=60)
+    """wait before every arming [s]"""
     override: str = Field(default="", max_length=300)
     """reason to start although the preflight check failed; it is written into the recording"""
+
+    def options(self) -> dict[str, str | float | None]:
+        """Options of `acquire session` by name, without those that name files."""
+        return {
+            "--until": self.until,
+            "--max-strikes": self.max_strikes,
+            "--countdown": self.countdown_s,
+        }
 
 
 class PauseSession(Document):

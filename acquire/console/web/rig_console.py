@@ -199,8 +199,8 @@ class RigConsole:
             path = self._new_recording(order.name or _recording_name(name))
             arguments = ["acquire", "session", str(thing), str(plan), "-o", str(path)]
             arguments += ["--rig", str(self._rig_path), "--prompts", "others"]
-            given = {"--note": note, "--until": order.until, "--max-strikes": order.max_strikes}
-            arguments += [text for name, value in given.items() if value for text in (name, str(value))]
+            options = order.options() | {"--note": note}
+            arguments += [text for name, value in options.items() if value for text in (name, str(value))]
             for each in order.resume:
                 arguments += ["--resume", str(self._archive.finished(each))]
             self._aborting, self._session_began_ns = False, time.time_ns()

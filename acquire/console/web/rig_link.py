@@ -24,6 +24,8 @@ POLL_S: Final = 0.5
 """interval between two requests for the daemon's status [s]"""
 MAX_TROUBLE: Final = 20
 """problems that are kept"""
+TROUBLE_S: Final = 60.0
+"""time for which a reported problem is shown [s]: those that last are in the daemon's status or come again"""
 WATCH_S: Final = 2.0
 """age from which an observation of `analyze watch` is no longer shown [s]"""
 
@@ -48,8 +50,14 @@ class RigReport:
     """monotonic time at which it came [s]"""
     estimate: dict[str, Any] | None = None
     """newest estimate of `analyze watch`, as JSON"""
-    trouble: deque[str] = field(default_factory=lambda: deque(maxlen=MAX_TROUBLE))
-    """problems, the newest last"""
+    problems: deque[tuple[float, str]] = field(default_factory=lambda: deque(maxlen=MAX_TROUBLE))
+    """problems reported, the newest last, each with its monotonic time [s]"""
+
+    @property
+    def trouble(self) -> list[str]:
+        """Problems of the last TROUBLE_S, the newest last."""
+        since_s = time.monotonic() - TROUBLE_S
+        return [text for time_s, text in self.problems if time_s > since_s]
 
 
 class RigLink:
@@ -161,7 +169,7 @@ class RigLink:
             case "estimate":
                 report.estimate = {name: value for name, value in event.items() if name != "event"}
             case "trouble":
-                report.trouble.append(str(event["text"]))
+                report.problems.append((time.monotonic(), str(event["text"])))
             case _:
                 pass
 
@@ -170,7 +178,7 @@ class RigLink:
         if before is None or before["began_ns"] != session["began_ns"]:
             self.report.estimate = None
             self.report.curves = frozenset()
-            self.report.trouble.clear()
+            self.report.problems.clear()
         if before is None or len(before["strikes"]) != len(session["strikes"]):
             with contextlib.suppress(AcquireError):
                 self.report.curves = frozenset(self.call("session.status")["curves"])

@@ -163,9 +163,10 @@ class PromptView(Document):
 
 
 class ArmedView(Document):
-    """Armed striker, with the time until it strikes, if that is known."""
+    """Striker that is armed, or will be at the end of a countdown."""
 
     countdown_s: float | None
+    """time until it is armed [s]; null once it is"""
 
 
 class StopView(Document):

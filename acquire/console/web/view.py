@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from typing import Any, Final
 
 from acquire.console.web.preview import ImageAids
@@ -16,7 +17,7 @@ from acquire.console.web.snapshot import (
     StrikerView,
     StrikeView,
 )
-from acquire.session.runner import HANDS_FRACTION
+from acquire.session.countdown import HANDS_FRACTION
 from schemas.rig import RigConfig
 
 PLACED_MM: Final = 3.0
@@ -65,9 +66,14 @@ def striker_view(report: RigReport) -> StrikerView | None:
 
 
 def armed_view(report: RigReport) -> ArmedView | None:
-    """Armed striker; None unless it is armed. It strikes as soon as it is cocked: no countdown is known."""
+    """Countdown to the arming, or armed striker, which strikes as soon as it is cocked; None otherwise."""
     state = "" if report.status is None else str(report.status["striker"])
-    return ArmedView(countdown_s=None) if state in ARMED else None
+    if state in ARMED:
+        return ArmedView(countdown_s=None)
+    ends_ns = (report.session or {}).get("arms_at_ns")
+    if report.status is None or ends_ns is None:
+        return None
+    return ArmedView(countdown_s=max(0.0, round(1e-9 * (ends_ns - time.time_ns()), 1)))
 
 
 def disk_view(free_bytes: int, rig: RigConfig) -> DiskView:

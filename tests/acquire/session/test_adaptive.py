@@ -7,13 +7,14 @@ from collections import Counter
 import pytest
 
 from acquire.errors import SessionError
-from acquire.session import actions, events
+from acquire.session import actions
 from acquire.session import machine as s
 from acquire.session.adaptive import MAX_DOUBTED, MAX_FAILURES, AdaptiveOrder, Target
 from acquire.session.earlier import EarlierStrikes
 from schemas.proto import percuss_pb2 as pb
 from schemas.strike_result import Verdict
 from schemas.watch_lines import NextStrike, SessionCheck, SessionEstimate, SessionTarget
+from tests.acquire.session.driven import drive, made, records
 from tests.acquire.session.test_machine import plan, planned, verdict
 
 THREE = plan(planned("s1"), planned("s2"), planned("s3"))
@@ -50,38 +51,7 @@ def test_other_texts_are_refused_with_the_way_to_write_them(text):
         Target.parse(text)
 
 
-def drive(machine: s.SessionMachine, advise, judge) -> list[actions.Action]:
-    """Run a session without faults; `advise(request)` answers requests, `judge(strike)` strikes."""
-    done: list[actions.Action] = []
-    event: events.Event = events.Started()
-    for _ in range(500):
-        ordered = machine.handle(event)
-        done += ordered
-        match ordered[-1]:
-            case actions.Advise(request=request):
-                event = events.Advised(advise(request))
-            case actions.AskToPlace():
-                event = events.Placed()
-            case actions.CheckPose():
-                event = events.PoseChecked(good=True)
-            case actions.Arm():
-                event = events.Ready()
-            case actions.Strike(tip_speed_m_s=speed):
-                event = events.Struck(1, 1e5, speed, 1)
-            case actions.RecordUntilRest():
-                event = events.Recorded(1, 2, 100, 0)
-            case actions.Judge(strike=strike):
-                event = events.Judged(judge(strike))
-            case actions.CloseRecording():
-                return done
-    raise AssertionError("the session never ends")
-
-
-def made(done: list[actions.Action]) -> list[str]:
-    return [each.strike_id for each in done if isinstance(each, actions.WriteRecord)]
-
-
-def good(_strike):
+def good(_machine, _speed):
     return verdict(Verdict.GOOD, 1.15)
 
 
@@ -94,26 +64,27 @@ def test_session_makes_the_strikes_that_tell_most_and_stops_when_the_target_is_m
         return next(answers)
 
     machine = s.SessionMachine(THREE, Target(5e-4))
-    done = drive(machine, advise, good)
+    done = drive(machine, good, advise=advise)
     assert made(done) == ["s3.1", "s1.1", "s3.2"]
     assert [each.strike_id for each in requests] == ["", "s3.1", "s1.1", "s3.2"]
     assert [each.left for each in requests] == [20, 19, 18, 17]
     assert [each.number for each in requests] == [1, 2, 3, 4]
     assert done[-1] == actions.CloseRecording(text="com=0.5mm is reached after 3 strikes")
-    records = [each for each in done if isinstance(each, actions.WriteRecord)]
-    assert {each.choice_text for each in records} == {"it tells most"}
+    assert {each.choice_text for each in records(done)} == {"it tells most"}
     assert machine.progress == (3, 20)
 
 
 def test_session_ends_where_no_number_of_strikes_reaches_the_target():
     done = drive(
-        s.SessionMachine(THREE, Target(5e-4)), lambda _: estimate(reason="the edges are not known"), good
+        s.SessionMachine(THREE, Target(5e-4)),
+        good,
+        advise=lambda _: estimate(reason="the edges are not known"),
     )
     assert done[-1] == actions.CloseRecording(text="the edges are not known", missed=True)
 
 
 def test_session_ends_after_the_largest_number_of_strikes():
-    done = drive(s.SessionMachine(THREE, Target(5e-4, max_strikes=4)), lambda _: estimate("s2"), good)
+    done = drive(s.SessionMachine(THREE, Target(5e-4, max_strikes=4)), good, advise=lambda _: estimate("s2"))
     assert made(done) == ["s2.1", "s2.2", "s2.3", "s2.4"]
     assert done[-1].missed
 
@@ -125,16 +96,16 @@ def test_session_ends_where_a_check_keeps_failing():
             "checks": [SessionCheck(name="predictions", passed=False, text="s1.1 not as the others predict")],
         }
     )
-    done = drive(s.SessionMachine(THREE, Target(5e-4)), lambda _: doubted, good)
+    done = drive(s.SessionMachine(THREE, Target(5e-4)), good, advise=lambda _: doubted)
     assert len(made(done)) == MAX_DOUBTED
     assert "s1.1 not as the others predict" in done[-1].text
     unsure = doubted.model_copy(update={"com_half_width_m": 9e-4})
-    done = drive(s.SessionMachine(THREE, Target(5e-4)), lambda _: unsure, good)
+    done = drive(s.SessionMachine(THREE, Target(5e-4)), good, advise=lambda _: unsure)
     assert len(made(done)) == 20
 
 
 def test_session_goes_on_by_its_plan_without_advice():
-    done = drive(s.SessionMachine(THREE, Target(5e-4)), lambda _: None, good)
+    done = drive(s.SessionMachine(THREE, Target(5e-4)), good, advise=lambda _: None)
     assert made(done) == ["s1.1", "s2.1", "s3.1"]
     assert done[-1].missed
 
@@ -148,8 +119,8 @@ def test_strikes_that_fail_are_reported_and_given_up():
 
     done = drive(
         s.SessionMachine(THREE, Target(5e-4, max_strikes=6)),
-        advise,
-        lambda strike: verdict(Verdict.SLID if strike.id == "s1" else Verdict.ROCKED_BACK, 0.8),
+        lambda at, _: verdict(Verdict.SLID if at.strike.id == "s1" else Verdict.ROCKED_BACK, 0.8),
+        advise=advise,
     )
     assert made(done) == [*(f"s1.{i + 1}" for i in range(MAX_FAILURES)), "s2.1", "s2.2"]
     assert requests[2].failures == {"s1": 2}
@@ -190,7 +161,7 @@ def test_a_resumed_session_leaves_out_what_was_made_and_counts_attempts_on():
     before = earlier(
         record("s1", 1, Verdict.GOOD), record("s2", 1, Verdict.SLID), record("s2", 2, Verdict.SLID)
     )
-    done = drive(s.SessionMachine(THREE, None, before), lambda _: None, good)
+    done = drive(s.SessionMachine(THREE, None, before), good, advise=lambda _: None)
     assert made(done) == ["s2.3", "s3.1"]
 
 
@@ -204,7 +175,7 @@ def test_a_session_whose_strikes_were_all_made_is_refused():
         requests.append(request)
         return estimate(met=True)
 
-    assert made(drive(s.SessionMachine(THREE, Target(5e-4), before), advise, good)) == []
+    assert made(drive(s.SessionMachine(THREE, Target(5e-4), before), good, advise=advise)) == []
     assert requests[0].earlier == ["/r.mcap"]
 
 

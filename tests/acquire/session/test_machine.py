@@ -9,6 +9,7 @@ from acquire.session import machine as s
 from schemas.strike_plan import Impact, Pivot, PlannedStrike, Range, StrikePlan
 from schemas.strike_result import Verdict
 from schemas.watch_lines import StrikeVerdict
+from tests.acquire.session.driven import drive, made, records
 
 EYE = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 POSE = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
@@ -44,37 +45,11 @@ def verdict(code: Verdict, energy: float | None) -> StrikeVerdict:
     return StrikeVerdict(strike_id="x", code=code, reason="because", phi=0.4, energy_ratio=energy)
 
 
-def drive(machine: s.SessionMachine, judge) -> list[actions.Action]:
-    """Run a session without faults and return its actions; `judge(machine, speed)` gives the verdicts."""
-    done: list[actions.Action] = []
-    event: events.Event = events.Started()
-    speed = 0.0
-    for _ in range(500):
-        ordered = machine.handle(event)
-        done += ordered
-        match ordered[-1]:
-            case actions.AskToPlace():
-                event = events.Placed()
-            case actions.CheckPose():
-                event = events.PoseChecked(good=True)
-            case actions.Arm():
-                event = events.Ready()
-            case actions.Strike(tip_speed_m_s=speed):
-                event = events.Struck(1, 1e5, speed, 1)
-            case actions.RecordUntilRest():
-                event = events.Recorded(1, 2, 100, 0)
-            case actions.Judge():
-                event = events.Judged(judge(machine, speed))
-            case actions.CloseRecording():
-                return done
-    raise AssertionError("the session never ends")
-
-
 def test_good_strikes_are_made_once_each():
     machine = s.SessionMachine(plan(planned("s1"), planned("s2"), planned("s3")))
     done = drive(machine, lambda *_: verdict(Verdict.GOOD, 1.15))
     assert machine.progress == (3, 3)
-    assert [a.strike_id for a in done if isinstance(a, actions.WriteRecord)] == ["s1.1", "s2.1", "s3.1"]
+    assert made(done) == ["s1.1", "s2.1", "s3.1"]
 
 
 def test_rocked_back_strike_is_recorded_and_repeated_harder():
@@ -83,21 +58,21 @@ def test_rocked_back_strike_is_recorded_and_repeated_harder():
         return verdict(Verdict.GOOD if energy > 1 else Verdict.ROCKED_BACK, energy)
 
     done = drive(s.SessionMachine(plan(planned("s1"), planned("s2"))), judge)
-    speeds = [a.tip_speed_command_m_s for a in done if isinstance(a, actions.WriteRecord)]
-    assert [a.strike_id for a in done if isinstance(a, actions.WriteRecord)] == ["s1.1", "s1.2", "s2.1"]
+    speeds = [each.tip_speed_command_m_s for each in records(done)]
+    assert made(done) == ["s1.1", "s1.2", "s2.1"]
     assert speeds[0] < 0.4
     assert speeds[1:] == pytest.approx([0.5, 0.5], rel=0.05)
 
 
 def test_strike_is_given_up_after_four_attempts():
     done = drive(s.SessionMachine(plan(planned("s1"))), lambda *_: verdict(Verdict.SLID, None))
-    assert len([a for a in done if isinstance(a, actions.WriteRecord)]) == 4
+    assert len(made(done)) == 4
     assert done[-1] == actions.CloseRecording()
 
 
 def test_session_continues_without_a_verdict():
     done = drive(s.SessionMachine(plan(planned("s1"), planned("s2"))), lambda *_: None)
-    assert [a.strike_id for a in done if isinstance(a, actions.WriteRecord)] == ["s1.1", "s2.1"]
+    assert made(done) == ["s1.1", "s2.1"]
 
 
 def test_wrong_placement_is_requested_again_with_the_hint():

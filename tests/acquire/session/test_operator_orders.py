@@ -11,8 +11,10 @@ from acquire.errors import StrikerStopped
 from acquire.session import actions, events
 from acquire.session import machine as s
 from acquire.session import runner as session_runner
+from acquire.session.options import SessionOptions
 from acquire.session.runner import SessionRunner
 from schemas.strike_result import Verdict
+from tests.acquire.session.driven import drive, records
 from tests.acquire.session.test_machine import plan, planned, verdict
 from tests.acquire.session.test_runner import Host
 
@@ -29,32 +31,13 @@ def session(orders: dict[str, events.Order], strikes: int = 3) -> tuple[list[Any
     """
     machine = s.SessionMachine(plan(*(planned(f"s{i + 1}", f"a{i}") for i in range(strikes))))
     given = dict(orders)
-    records: list[Any] = []
-    event: events.Event = events.Started()
-    speed = 0.0
-    while True:
-        ordered = machine.handle(event)
-        records += [
-            (each.strike_id, each.tip_speed_command_m_s)
-            for each in ordered
-            if isinstance(each, actions.WriteRecord)
-        ]
-        match ordered[-1]:
-            case actions.AskToPlace():
-                order = given.pop(machine.strike_id, None)
-                event = events.Placed() if order is None else events.Ordered(order)
-            case actions.CheckPose():
-                event = events.PoseChecked(good=True)
-            case actions.Arm():
-                event = events.Ready()
-            case actions.Strike(tip_speed_m_s=speed):
-                event = events.Struck(1, 1e5, speed, 1)
-            case actions.RecordUntilRest():
-                event = events.Recorded(1, 2, 100, 0)
-            case actions.Judge():
-                event = events.Judged(verdict(Verdict.GOOD, 1.15))
-            case actions.CloseRecording():
-                return records, machine
+
+    def place(at: s.SessionMachine) -> events.Event:
+        order = given.pop(at.strike_id, None)
+        return events.Placed() if order is None else events.Ordered(order)
+
+    done = drive(machine, lambda *_: verdict(Verdict.GOOD, 1.15), place=place)
+    return [(each.strike_id, each.tip_speed_command_m_s) for each in records(done)], machine
 
 
 def test_a_strike_is_left_out() -> None:
@@ -111,7 +94,7 @@ class Held:
 @pytest.mark.parametrize("ends", [None, StrikerStopped()])
 def test_a_session_waits_while_it_is_held(ends: Exception | None, monkeypatch: pytest.MonkeyPatch) -> None:
     runner, daemon, paused = SessionRunner.__new__(SessionRunner), Held(ends), []
-    runner._client = daemon  # type: ignore[assignment]
+    runner._client, runner._options = daemon, SessionOptions()  # type: ignore[assignment]
     runner._machine = SimpleNamespace(state=s.State.ARMING, strike=planned("s1"), attempt=2)  # type: ignore[assignment]
     runner._status = SimpleNamespace(pause=paused.append)  # type: ignore[assignment]
     monkeypatch.setattr(runner, "_report", paused.append)

@@ -13,6 +13,7 @@ import pytest
 from acquire.errors import DaemonSilent, StrikerLost, StrikerStopped
 from acquire.session import runner as session_runner
 from acquire.session.events import PoseChecked, Recorded, StopRequested, StrikerFailed
+from acquire.session.options import SessionOptions
 from acquire.session.runner import SessionRunner
 from acquire.session.session_input import SessionInput
 from acquire.session.waits import LATE_TIMEOUT_S, REST_TIMEOUT_S
@@ -207,7 +208,7 @@ def test_stop_ends_the_wait_for_the_servo(monkeypatch: pytest.MonkeyPatch) -> No
     runner, daemon = SessionRunner.__new__(SessionRunner), Stopped()
     runner._client, runner._progress = daemon, lambda *_: None  # type: ignore[assignment]
     runner._machine = SimpleNamespace(progress=(0, 1))  # type: ignore[assignment]
-    runner._servo_timeout_s = 120.0
+    runner._options = SessionOptions()
     assert isinstance(runner._clear_fault(), StopRequested)
     assert daemon.asked == [False, False, False]
     assert isinstance(runner._striker_failed(StrikerStopped()), StopRequested)

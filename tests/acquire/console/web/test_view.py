@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import pytest
 
 from acquire.console.web import view
 from acquire.console.web.preview import ImageAids
-from acquire.console.web.rig_link import RigReport
+from acquire.console.web.rig_link import TROUBLE_S, RigReport
 from schemas.rig import RigConfig
 
 RIG = RigConfig.model_validate(
@@ -91,6 +92,18 @@ def test_the_striker_shows_torque_where_it_is_known(state: str, torque: bool | N
 
 
 @pytest.mark.parametrize(
+    ("state", "in_s", "shown"), [("homed", 2.0, 2.0), ("homed", -9.0, 0.0), ("armed", 2.0, None)]
+)
+def test_the_countdown_is_shown_until_the_striker_is_armed(
+    state: str, in_s: float, shown: float | None
+) -> None:
+    session = SESSION | {"arms_at_ns": time.time_ns() + round(in_s * 1e9)}
+    armed = view.armed_view(RigReport(status=STATUS | {"striker": state}, session=session))
+    assert armed is not None
+    assert armed.countdown_s == (None if shown is None else pytest.approx(shown, abs=0.15))
+
+
+@pytest.mark.parametrize(
     ("offset_m", "yaw_rad", "in_place"),
     [([0.001, 0.001], 0.01, True), ([0.004, 0.0], 0.0, False), ([0.0, 0.0], 0.1, False), (None, None, None)],
 )
@@ -134,3 +147,9 @@ def test_a_session_shows_its_pause_and_its_sudden_end(
     over = view.session_view(RigReport(session=SESSION | {"state": "finished"}, hold=hold), ended)
     assert over is not None
     assert (over.state, over.paused) == ("finished", None)
+
+
+def test_old_problems_are_no_longer_shown() -> None:
+    report, now_s = RigReport(), time.monotonic()
+    report.problems.extend([(now_s - TROUBLE_S - 1, "the servo is gone"), (now_s, "a frame was lost")])
+    assert report.trouble == ["a frame was lost"]

@@ -56,10 +56,11 @@ function placeSign(prompt) {
 }
 
 function armedSign(armed) {
-  const seconds = isNumber(armed?.countdown_s)
-    ? `strikes in ${Math.max(0, armed.countdown_s).toFixed(1)} s`
-    : "";
-  return { word: "ARMED", tone: "armed", text: seconds || "The striker is about to strike. Keep clear." };
+  if (isNumber(armed?.countdown_s)) {
+    const seconds = Math.ceil(Math.max(0, armed.countdown_s));
+    return { word: `ARMS IN ${seconds}`, tone: "armed", text: "The striker strikes after that. Step back." };
+  }
+  return { word: "ARMED", tone: "armed", text: "The striker is about to strike. Keep clear." };
 }
 
 /**

@@ -138,7 +138,12 @@ def test_start_needs_a_passed_check_or_a_reason(page, server):
     page.click("#action")
     page.wait_for_timeout(150)
     [order] = _orders(server, "/api/session/start")
-    assert order == {"object_id": "o1", "plan_id": "p1", "override": "one tag is dirty"}
+    assert order == {
+        "object_id": "o1",
+        "plan_id": "p1",
+        "override": "one tag is dirty",
+        "countdown_s": 3,
+    }
 
 
 def test_start_sends_target_and_number_of_strikes(page, server):

@@ -60,6 +60,7 @@ function startProblem(snapshot) {
 async function start(snapshot) {
   const content = { object_id: byId("object").value, plan_id: byId("plan").value };
   if (byId("resume").value) content.resume = [byId("resume").value];
+  if (byId("countdown").value) content.countdown_s = Number(byId("countdown").value);
   if (byId("name").value.trim()) content.name = byId("name").value.trim();
   if (untilChosen()) {
     content.until = target();
