@@ -57,6 +57,12 @@ class Bench:
         self.programs.append(program)
         return program
 
+    def plan(self, strikes: int) -> None:
+        """Plan the object's strikes; an earlier plan is replaced."""
+        command = ["plan", self.folder / "carton.toml", "--rig", self.rig_file, "--strikes", strikes,
+                   "--no-cards", "-o", self.folder / "plan.json"]  # fmt: skip
+        subprocess.run([sys.executable, "-m", "analyze", *map(str, command)], check=True, capture_output=True)
+
     def start_console(self) -> subprocess.Popen[str]:
         program = self.start(
             "console", self.rig_file, "--objects", self.folder, "--recordings", self.recordings,
@@ -95,10 +101,7 @@ def bench() -> Iterator[Bench]:
         assert any(line.startswith("  analyze report") for line in iter(virtual.stdout.readline, ""))
         # Its later lines must not fill the pipe.
         threading.Thread(target=virtual.stdout.read, daemon=True).start()
-        thing = bench.folder / "carton.toml"
-        plan = bench.folder / "plan.json"
-        command = ["plan", thing, "--rig", bench.rig_file, "--strikes", "3", "--no-cards", "-o", plan]
-        subprocess.run([sys.executable, "-m", "analyze", *map(str, command)], check=True, capture_output=True)
+        bench.plan(strikes=3)
         yield bench
     finally:
         bench.close()
