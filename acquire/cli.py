@@ -21,7 +21,7 @@ from acquire.console.session_options import target_of, target_options
 from acquire.console.strike_options import StrikeOptions
 from acquire.console.virtual_options import refuse_truth_of_ours, virtual_options
 from acquire.console.web_verb import console
-from acquire.errors import AcquireError, CameraNotFound, DaemonSilent
+from acquire.errors import AcquireError, DaemonSilent
 from schemas.command_line import Commands, NumberRange, one_line_errors, version_option
 from schemas.input_file import read_text
 from schemas.plain_text import echo
@@ -42,21 +42,14 @@ main.add_command(console)
 
 @main.command()
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.option("--servo", is_flag=True, help="Search the serial ports for servos.")
+@click.option("--port", "ports", multiple=True, help="Search this serial port only, for servos.")
 @_one_line_errors
-def discover(as_json: bool) -> None:
-    """List the GigE Vision cameras that answer. Exits with 1 if none does."""
-    from acquire.camera.aravis_library import discover as discover_cameras
+def discover(as_json: bool, servo: bool, ports: tuple[str, ...]) -> None:
+    """List the GigE Vision cameras that answer, or the servos. Exits with 1 if none does."""
+    from acquire.console.discover import list_cameras, list_servos
 
-    cameras = discover_cameras()
-    if as_json:
-        echo(json.dumps([vars(camera) for camera in cameras]))
-    for camera in [] if as_json else cameras:
-        echo(f"{camera.address:16} {camera.vendor} {camera.model} ({camera.serial})")
-    if not cameras:
-        raise CameraNotFound(
-            "no camera answers: check power and cable, "
-            "that host and camera are in one subnet (`ip address`), and that no firewall drops UDP port 3956"
-        )
+    list_servos(list(ports), as_json=as_json) if servo or ports else list_cameras(as_json=as_json)
 
 
 @main.command()

@@ -7,16 +7,19 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Self
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from schemas.document import Document
 from schemas.rig_limits import ARM_LENGTH_M, COCKED_ANGLE_RAD, VELOCITY_LIMIT_RAD_S, TipSpeeds, tip_speeds
+from schemas.servo_models import SERVO_MODELS, ModelName
 from schemas.session_manifest import CameraCalibrationSpec, LevelReading
 
 MAX_SENSOR_PX = 100_000
 """Largest width and height of a sensor [px]."""
+SWING_SHARE = 0.6
+"""Share of an arm's full acceleration that a swing uses: the rest holds it on the ordered motion."""
 MAX_WAIT_S = 3600.0
 """Longest wait and longest window [s]."""
 MAX_BYTES = 1 << 50
@@ -86,6 +89,7 @@ class StrikerConfig(Document):
         default=1_000_000, ge=1200, le=100_000_000, description="bits per second on the bus"
     )
     id: int = Field(default=1, ge=0, le=252, description="id of the servo on the bus")
+    model: ModelName = Field(default="XM430-W210", description="model of the servo")
     zero_position: int = Field(default=2048, ge=0, le=4095, description="servo ticks at angle 0")
     direction: Literal[1, -1] = Field(
         default=1, description="sign of the servo's rotation towards the object"
@@ -114,7 +118,7 @@ class StrikerConfig(Document):
     current_limit_a: float = Field(
         default=1.0,
         gt=0,
-        le=3.2,
+        le=5.5,
         description="current limit [A]; this and the limits below are at most those of the servo's registers",
     )
     velocity_limit_rad_s: float = Field(
@@ -140,7 +144,30 @@ class StrikerConfig(Document):
         """
         if self.kind == "manual":
             return tip_speeds()
-        return tip_speeds(self.arm_length_m, self.cocked_angle_rad, self.velocity_limit_rad_s)
+        fastest_rad_s = min(self.velocity_limit_rad_s, SERVO_MODELS[self.model].no_load_rad_s)
+        return tip_speeds(
+            self.arm_length_m, self.cocked_angle_rad, fastest_rad_s, self.swing_acceleration_rad_s2
+        )
+
+    @property
+    def full_acceleration_rad_s2(self) -> float:
+        """Angular acceleration of the arm at the motor's current limit, without drag."""
+        inertia = self.effective_mass_kg * self.arm_length_m**2
+        return SERVO_MODELS[self.model].torque_per_ampere * self.current_limit_a / inertia
+
+    @property
+    def swing_acceleration_rad_s2(self) -> float:
+        """Angular acceleration that the arm follows in a swing: SWING_SHARE of the full one."""
+        return SWING_SHARE * self.full_acceleration_rad_s2
+
+    @model_validator(mode="after")
+    def _current_of_the_model(self) -> Self:
+        most_a = SERVO_MODELS[self.model].most_current_a
+        if self.current_limit_a > most_a:
+            raise ValueError(
+                f"current_limit_a = {self.current_limit_a:g} is above the {most_a:.2g} A of an {self.model}"
+            )
+        return self
 
 
 class RecorderConfig(Document):

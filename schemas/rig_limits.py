@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 MIN_ARM_SPEED_RAD_S = 0.5
@@ -36,17 +37,20 @@ def tip_speeds(
     arm_length_m: float = ARM_LENGTH_M,
     cocked_angle_rad: float = COCKED_ANGLE_RAD,
     velocity_limit_rad_s: float = VELOCITY_LIMIT_RAD_S,
+    acceleration_rad_s2: float = math.inf,
 ) -> TipSpeeds:
     """Range of tip speeds of an arm that swings from `cocked_angle_rad` to 0, where it hits.
 
     The slowest is MIN_ARM_SPEED_RAD_S times the arm's length. The fastest is the arm's length times the
-    smaller of two angular speeds: the limit, and the size of the cocked (raised) angle over RUN_UP_S. If no
-    speed is possible, the slowest is above the fastest.
+    smallest of three angular speeds: the limit, the size of the cocked (raised) angle over RUN_UP_S, and what
+    the acceleration reaches over that angle. If no speed is possible, the slowest is above the fastest.
 
     Args:
         arm_length_m: distance from the servo's axis to the tip [m].
         cocked_angle_rad: angle from which the arm is released [rad]; it hangs vertically at 0.
         velocity_limit_rad_s: largest angular speed of the arm [rad/s].
+        acceleration_rad_s2: angular acceleration of the arm in a swing [rad/s2].
     """
-    fastest_rad_s = min(velocity_limit_rad_s, abs(cocked_angle_rad) / RUN_UP_S)
+    accelerated = math.sqrt(2 * acceleration_rad_s2 * abs(cocked_angle_rad))
+    fastest_rad_s = min(velocity_limit_rad_s, abs(cocked_angle_rad) / RUN_UP_S, accelerated)
     return TipSpeeds(MIN_ARM_SPEED_RAD_S * arm_length_m, fastest_rad_s * arm_length_m)

@@ -259,9 +259,23 @@ class ServoBus:
             block = self.read_block(register.address, register.size)
             if block is not None:
                 return register.decode(block.data)
-        raise StrikerLost(
-            f"{self.port}: no answer from the servo to reading {register.name}; check its power and cable"
-        )
+        raise self._unanswered(f"reading {register.name}")
+
+    def read_if_present(self, register: Register) -> int | None:
+        """Value of a register that only some servos have; None if this one refuses to read it.
+
+        Raises:
+            StrikerLost: no answer after several attempts, or the port failed or is closed.
+        """
+        for _ in attempts(self._clock):
+            data, result, error = self._exchange(
+                self._handler.readTxRx, self.servo_id, register.address, register.size
+            )
+            if result == COMM_SUCCESS and error & ~ALERT:
+                return None
+            if result == COMM_SUCCESS and len(data) == register.size:
+                return register.decode(bytes(data))
+        raise self._unanswered(f"reading {register.name}")
 
     def write(self, register: Register, value: int) -> None:
         """Write the integer `value` to one register; repeat it if the answer is lost, which is safe.
@@ -285,10 +299,11 @@ class ServoBus:
                     reason = _STATUS_TEXT.get(error & ~ALERT, f"answers with error {error & ~ALERT}")
                     raise StrikerError(f"{self.port}: writing {register.name} = {value}: the servo {reason}")
                 return
-        raise StrikerLost(
-            f"{self.port}: no answer from the servo to writing {register.name} = {value}; check its power "
-            "and cable"
-        )
+        raise self._unanswered(f"writing {register.name} = {value}")
+
+    def _unanswered(self, request: str) -> StrikerLost:
+        """Error for a request without an answer, in words as "reading Drive Mode"."""
+        return StrikerLost(f"{self.port}: no answer from the servo to {request}; check its power and cable")
 
     def write_unanswered(self, register: Register, value: int) -> None:
         """Write `value` to one register, twice, without waiting for any answer, even to an earlier request.

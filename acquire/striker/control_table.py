@@ -7,13 +7,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from schemas.servo_models import ModelName
 from schemas.software import extra_command
-
-MODEL_FILES = {1020: "xm430_w350.model", 1030: "xm430_w210.model"}
-"""vendor's file by model number; XL430 is left out because it has no current register, so neither a current
-limit nor operating mode 5 (current-based position)"""
-
-MODEL_NAMES = {1020: "XM430-W350", 1030: "XM430-W210"}
 
 SIGNED = frozenset(
     {
@@ -64,24 +59,27 @@ class Register:
         return (value & ((1 << 8 * self.size) - 1)).to_bytes(self.size, "little")
 
 
+STARTUP_CONFIGURATION = Register("Startup Configuration", 60, 1)
+"""torque on and goals restored at power-up; newer firmware has it, the vendor's files do not list it"""
+
+
 @cache
-def control_table(model: int) -> dict[str, Register]:
+def control_table(model: ModelName) -> dict[str, Register]:
     """Mapping of the vendor's register names to the registers of a servo model.
 
     Registers for indirect addressing are left out.
 
     Args:
-        model: model number as returned by a ping; a key of MODEL_FILES.
+        model: name of the model.
 
     Raises:
         ModuleNotFoundError: dynamixel-sdk is not installed.
-        KeyError: the model is not in MODEL_FILES.
     """
     # Located, not imported: the motor class of dynamixel_easy_sdk fails on an ALERT status.
     spec = importlib.util.find_spec("dynamixel_easy_sdk")
     if spec is None or spec.origin is None:
         raise ModuleNotFoundError(f"dynamixel-sdk is not installed: {extra_command('rig')}")
-    path = Path(spec.origin).parent / "control_table" / MODEL_FILES[model]
+    path = Path(spec.origin).parent / "control_table" / f"{model.lower().replace('-', '_')}.model"
     lines = path.read_text(encoding="utf-8").splitlines()
     rows = (line.split("\t") for line in lines[lines.index("[control table]") + 2 :] if line.strip())
     return {

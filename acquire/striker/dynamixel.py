@@ -46,6 +46,8 @@ HEALTH_NS = 1_000_000_000
 """interval between readings of supply voltage and temperature while nothing moves [ns]"""
 RETRACT_RAD = 0.15
 """angle of the first, fast part of the retraction [rad]"""
+AT_ONCE_S = 0.02
+"""time to speed at full acceleration below which a swing needs no ordered acceleration [s]"""
 DAMPED_S = 0.02
 """time for a stopped arm to come to rest before its position is held [s]"""
 
@@ -183,6 +185,7 @@ class DynamixelStriker(Striker):
             self._servo.open()
         if self._servo.clear_hardware_error():
             self._ticks.restart()
+            self._motion.forget()
         self._servo.torque_on()
         self._servo.start_watchdog()
         angle = self._servo.require_sample().position_rad
@@ -278,7 +281,7 @@ class DynamixelStriker(Striker):
         samples: list[Sample] = []
         detector = ContactDetector(self._config.arm_length_m, velocity)
         try:
-            self._servo.move_to(RUN_THROUGH_RAD, velocity, 0.0)
+            self._servo.move_to(RUN_THROUGH_RAD, velocity, self._swing_acceleration(velocity))
             reached = self._motion.swing(samples, detector.must_turn_back, self._is_overdue)
             stalled = not reached and self._servo.watchdog_tripped()
             self._servo.move_to(-RETRACT_RAD, 0.0, 0.0)
@@ -306,6 +309,14 @@ class DynamixelStriker(Striker):
             self._emit(_Event.VERIFIED)
         self._enter(StrikerState.DISARMED, _Event.DISARMED)
         return outcome
+
+    def _swing_acceleration(self, velocity: float) -> float:
+        """Acceleration to order for a swing [rad/s2]; 0 for none, if the motor reaches the speed at once.
+
+        A weak motor that is ordered to be fast at once lags behind and then overtakes the order.
+        """
+        at_once = velocity < AT_ONCE_S * self._config.full_acceleration_rad_s2
+        return 0.0 if at_once else self._config.swing_acceleration_rad_s2
 
     # --- outcome
 

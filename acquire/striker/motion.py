@@ -8,7 +8,7 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from acquire.errors import StrikerFault, StrikerLost
-from acquire.striker.sample import TICK_RAD, VELOCITY_UNIT_RAD_S, Sample
+from acquire.striker.sample import TICK_RAD, TICK_WRAP, VELOCITY_UNIT_RAD_S, Sample
 from acquire.striker.servo import Servo
 
 if TYPE_CHECKING:
@@ -36,6 +36,11 @@ SETTLED_TICKS of the goal and SETTLED_UNITS of rest, in units of the position an
 MAX_SILENCE_NS = 200_000_000
 """longest time without an answer in a swing [ns]: by then the servo's own watchdog (100 ms) has stopped it,
 if this host paused"""
+MAX_UNWATCHED_NS = 1_000_000_000
+"""time between two samples from which on they say nothing about a restart [ns]"""
+MAX_TICK_JUMP_MS = 300
+"""difference between the passing of the servo's time and the host's above which the servo has restarted [ms]:
+answers may be late by MAX_SILENCE_NS"""
 MAX_SAMPLE_AGE_NS = 80_000_000
 """age above which a sample is useless for the arm's velocity [ns]"""
 VELOCITY_LAG_S = 0.003
@@ -90,7 +95,7 @@ class ArmMotion:
         Raises:
             MotionStopped: a stop was requested.
             StrikerLost: the servo no longer answers.
-            StrikerFault: the servo reports a hardware error.
+            StrikerFault: the servo reports a hardware error, or has restarted.
         """
         answered_ns = next_ns = self._clock.monotonic_ns()
         spread = 0.0
@@ -101,7 +106,7 @@ class ArmMotion:
             if sample is not None:
                 answered_ns = now_ns
                 samples.append(sample)
-                self._recent.append(sample)
+                self._note(sample)
                 if is_last(sample):
                     return True
             elif now_ns - answered_ns > MAX_SILENCE_NS:
@@ -114,6 +119,28 @@ class ArmMotion:
             time.sleep(max(0, next_ns + int(spread * DITHER_NS) - now_ns) * 1e-9)
         return False
 
+    def forget(self) -> None:
+        """Drop the samples kept for a brake: the servo was restarted, or the arm has not been watched."""
+        self._recent.clear()
+
+    def _note(self, sample: Sample) -> None:
+        """Keep a sample for a brake.
+
+        Raises:
+            StrikerFault: the servo's clock has jumped since the last one, as a restart makes it.
+        """
+        last = self._recent[-1] if self._recent else sample
+        if sample.time_ns - last.time_ns < MAX_UNWATCHED_NS:
+            expected = last.tick_ms + (sample.time_ns - last.time_ns) // 1_000_000
+            jump_ms = (sample.tick_ms - expected + TICK_WRAP // 2) % TICK_WRAP - TICK_WRAP // 2
+            if abs(jump_ms) > MAX_TICK_JUMP_MS:
+                self.forget()
+                raise StrikerFault(
+                    f"{self._config.port}: the servo restarted while the arm moved, so its supply voltage "
+                    "dropped: use a supply of 3 A or more and short, thick cables"
+                )
+        self._recent.append(sample)
+
     def settle(self, timeout_s: float) -> None:
         """Wait until the arm rests at the cocked (raised) angle, reading and publishing samples.
 
@@ -122,7 +149,8 @@ class ArmMotion:
 
         Raises:
             MotionStopped: a stop was requested.
-            StrikerFault: the arm does not come to rest there in time, or the servo reports a hardware error.
+            StrikerFault: the arm does not come to rest there in time, the servo reports a hardware error, or
+                it has restarted.
             StrikerLost: the servo does not answer.
         """
         end_ns = self._clock.monotonic_ns() + int(timeout_s * 1e9)
@@ -135,7 +163,7 @@ class ArmMotion:
                 if self._stop_requested():
                     continue
                 sample = self._servo.require_sample()
-            self._recent.append(sample)
+            self._note(sample)
             self._publish(sample)
             angle = sample.position_rad
             settled = settled + 1 if self._at_rest(sample) else 0
@@ -179,7 +207,7 @@ class ArmMotion:
         if not self._recent or now_ns - self._recent[-1].time_ns > MAX_SAMPLE_AGE_NS:
             return
         first, last = self._recent[0], self._recent[-1]
-        limit = self._servo.full_acceleration_rad_s2
+        limit = self._config.full_acceleration_rad_s2
         slope = (last.velocity_rad_s - first.velocity_rad_s) / max(
             1e-3, (last.time_ns - first.time_ns) * 1e-9
         )

@@ -12,7 +12,6 @@ TICK_RAD = 2 * math.pi / 4096
 """unit of the position registers [rad]"""
 VELOCITY_UNIT_RAD_S = 0.229 * 2 * math.pi / 60
 ACCELERATION_UNIT_RAD_S2 = 214.577 * 2 * math.pi / 3600
-CURRENT_UNIT_A = 2.69e-3
 TICK_WRAP = 32768
 """value at which Realtime Tick starts again from 0"""
 

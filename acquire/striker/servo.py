@@ -10,19 +10,27 @@ import math
 import struct
 from typing import TYPE_CHECKING
 
-from acquire.errors import StrikerError, StrikerFault, StrikerLost, StrikerNotFound
+from acquire.errors import StrikerError, StrikerFault, StrikerLost
 from acquire.striker.base import ServoHealth
 from acquire.striker.bus import Block, MonotonicClock, ServoBus, attempts
-from acquire.striker.control_table import MODEL_FILES, MODEL_NAMES, Register, control_table
+from acquire.striker.control_table import Register, control_table
 from acquire.striker.deadman import DeadManSwitch
 from acquire.striker.sample import (
     ACCELERATION_UNIT_RAD_S2,
-    CURRENT_UNIT_A,
     TICK_RAD,
     TICK_WRAP,
     VELOCITY_UNIT_RAD_S,
     Sample,
 )
+from acquire.striker.servo_memory import (
+    SAFE_MEMORY,
+    checked_model,
+    firmware_problem,
+    positions_problem,
+    read_memory,
+    write_memory,
+)
+from schemas.servo_models import SERVO_MODELS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -36,10 +44,22 @@ SHUTDOWN = 52
 WATCHDOG_UNITS = 5
 """watchdog time in units of 20 ms: a killed host stops the motor after 100 ms; without it the servo keeps
 turning"""
+ALL_ANSWERS = 2
+"""value of Status Return Level: every request is answered"""
 WATCHDOG_TRIPPED = 0xFF
 """value of Bus Watchdog after the watchdog has stopped the motor"""
 POSITION_P_GAIN = 1600
-"""twice the default: the arm's weight then shifts it by 2 ticks, and it follows a swing within 10 ms"""
+"""twice the default, for a servo of POSITION_TORQUE_N_M: the arm's weight then shifts it by 2 ticks, and it
+follows a swing within 10 ms"""
+POSITION_TORQUE_N_M = 3.0
+"""stall torque for which POSITION_P_GAIN is meant [N m]; a weaker servo gets a larger gain"""
+DAMPING_N_M_S = 0.25
+"""damping of the arm's motion by back EMF and derivative gain together [N m s/rad]; that of an XM430-W210 by
+its back EMF alone is larger"""
+DERIVATIVE_UNIT_S = 1e-3 / 16 / TICK_RAD / 885
+"""duty per unit of Position D Gain and of speed [s/rad] (e-manual: gain / 16, per control period of 1 ms)"""
+MOST_GAIN = 16383
+"""largest value of a gain's register"""
 DAMPING_D_GAIN = 4000
 """gain of a stopped arm without a position goal: the remaining speed is lost in some 5 ms, and nothing pulls
 it back"""
@@ -49,13 +69,13 @@ limit allows; should this host fall silent now, the arm comes to rest there"""
 BRAKE_TIME_FACTOR = 0.87
 """braking time over the time that the current limit alone would need: drag brakes too, and an arm that runs
 on a little stops sooner than one that is thrown back"""
-TORQUE_PER_AMPERE = {1020: 4.1 / 2.3, 1030: 3.0 / 2.3}
-"""N m/A by model number (data sheets: stall torque and current at 12 V)"""
 RUN_THROUGH_RAD = 0.35
 """goal of a swing beyond the impact point [rad], so that the speed is constant there"""
 _BLOCK = struct.Struct(
     "<HBBhhii"
 )  # 120 Realtime Tick, Moving, Moving Status, Present PWM, Current, Velocity, 132 Position
+SAMPLE_BYTES = _BLOCK.size
+"""bytes of one reading, from Realtime Tick on"""
 
 _ERROR_BITS = {
     0: "input voltage; check the supply",
@@ -90,34 +110,38 @@ class Servo:
         self._bus = ServoBus(config.port, config.baud_rate, config.id, clock)
         self._table: dict[str, Register] = {}
         self._dead_man: DeadManSwitch | None = None
-        self._model = 0
+        self._model = SERVO_MODELS[config.model]
 
     # --- open and close
 
     def open(self) -> None:
-        """Open the port, check the model, write the limits and read them back.
+        """Open the port, check model and firmware, write the limits and read them back.
+
+        What the servo remembers of a former use is cleared. If that gives its positions another meaning, it
+        is said once, as an error, because the rig file's zero position may have been measured before.
 
         Also starts the dead man's switch, a process that switches the torque off when this one dies. On an
         error the port is closed again.
 
         Raises:
-            StrikerNotFound: no such port, port in use, no servo, or a model that is not in MODEL_FILES.
-            StrikerError: a limit reads back differently, or the dead man's switch does not start.
+            StrikerNotFound: no such port, port in use, no servo, or another model than in the rig file.
+            StrikerError: the firmware has no bus watchdog, a limit reads back differently, the dead man's
+                switch does not start, or positions have another meaning from now on.
             StrikerLost: the servo does not answer.
         """
-        model = self._bus.open()
+        number = self._bus.open()
         try:
-            if model not in MODEL_FILES:
-                known = ", ".join(MODEL_NAMES.values())
-                raise StrikerNotFound(
-                    f"{self._config.port}: the servo's model is {model}, which has no tested current "
-                    f"limit; use {known}"
-                )
-            self._table = control_table(model)
+            self._table = control_table(checked_model(self._config, number))
+            # A former program may have switched answers to writing off.
+            self._bus.write_unanswered(self._table["Status Return Level"], ALL_ANSWERS)
+            memory = read_memory(self._bus, self._table)
+            if problem := firmware_problem(memory):
+                raise StrikerError(f"{self._config.port}: {problem}")
             # Torque stays on over a restart of this program, and so does a tripped watchdog.
             self._bus.write(self._table["Bus Watchdog"], 0)
-            self._write_limits()
-            self._model = model
+            write_memory(self._bus, self._table, self._limits(), memory)
+            if problem := positions_problem(memory):
+                raise StrikerError(f"{self._config.port}: {problem}")
             self.keep_dead_man_switch()
         except Exception:
             self._bus.close()
@@ -160,37 +184,13 @@ class Servo:
             "Return Delay Time": 0,
             "Operating Mode": CURRENT_BASED_POSITION,
             "Temperature Limit": config.temperature_limit_c,
-            "Current Limit": round(config.current_limit_a / CURRENT_UNIT_A),
+            "Current Limit": round(config.current_limit_a / self._model.current_unit_a),
             "Velocity Limit": round(config.velocity_limit_rad_s / VELOCITY_UNIT_RAD_S),
             "Max Position Limit": min(4095, ends[1]),
             "Min Position Limit": max(0, ends[0]),
             "Shutdown": SHUTDOWN,
+            **SAFE_MEMORY,
         }
-
-    def _write_limits(self) -> None:
-        """Write the rig file's limits to the servo's EEPROM and read them back.
-
-        Only differing values are written, because EEPROM wears; the torque is switched off for that, else
-        EEPROM is locked.
-
-        Raises:
-            StrikerError: a limit reads back differently, or the servo refuses it.
-            StrikerLost: the servo does not answer.
-        """
-        wrong = {
-            name: value
-            for name, value in self._limits().items()
-            if self._bus.read(self._table[name]) != value
-        }
-        if wrong:
-            self._bus.write(self._table["Torque Enable"], 0)
-        for name, value in wrong.items():
-            self._bus.write(self._table[name], value)
-            back = self._bus.read(self._table[name])
-            if back != value:
-                raise StrikerError(
-                    f"{self._config.port}: {name} was set to {value} and reads back {back}; replace the servo"
-                )
 
     # --- state
 
@@ -231,7 +231,7 @@ class Servo:
             tick,
             sign * (position - self._config.zero_position) * TICK_RAD,
             sign * velocity * VELOCITY_UNIT_RAD_S,
-            sign * current * CURRENT_UNIT_A,
+            sign * current * self._model.current_unit_a,
         )
 
     def require_sample(self) -> Sample:
@@ -262,7 +262,7 @@ class Servo:
         voltage = self._bus.read(self._table["Present Input Voltage"])
         temperature = self._bus.read(self._table["Present Temperature"])
         return ServoHealth(
-            self._clock.monotonic_ns(), self._model, voltage * 0.1, temperature, self.hardware_error()
+            self._clock.monotonic_ns(), self._model.number, voltage * 0.1, temperature, self.hardware_error()
         )
 
     def hardware_error(self) -> str | None:
@@ -317,7 +317,7 @@ class Servo:
             StrikerLost: the servo does not answer.
         """
         self._bus.write(self._table["Bus Watchdog"], 0)
-        self._bus.write(*self._gains(POSITION_P_GAIN, 0))  # RAM: lost with every reboot
+        self._bus.write(*self._position_gains())  # RAM: lost with every reboot
         self._bus.write(self._table["Goal Current"], self._limits()["Current Limit"])
         self._bus.write(self._table["Torque Enable"], 1)
 
@@ -403,16 +403,6 @@ class Servo:
 
     # --- stopping
 
-    @property
-    def full_acceleration_rad_s2(self) -> float:
-        """Magnitude of the arm's angular acceleration [rad/s2] at the motor's current limit, without drag."""
-        inertia = self._config.effective_mass_kg * self._config.arm_length_m**2
-        return (
-            TORQUE_PER_AMPERE.get(self._model, TORQUE_PER_AMPERE[1030])
-            * self._config.current_limit_a
-            / inertia
-        )
-
     def brake(self, angle: float, velocity: float) -> float:
         """Start to brake the moving arm with full current, and return the expected time to rest [s].
 
@@ -429,7 +419,7 @@ class Servo:
         low, high = self._config.cocked_angle_rad - 0.29, RUN_THROUGH_RAD + 0.14
         behind = angle - math.copysign(BRAKE_GOAL_OFFSET_RAD, velocity)
         self._bus.write_unanswered(*self._goal(min(high, max(low, behind)), 0.0, 0.0))
-        return BRAKE_TIME_FACTOR * abs(velocity) / self.full_acceleration_rad_s2
+        return BRAKE_TIME_FACTOR * abs(velocity) / self._config.full_acceleration_rad_s2
 
     def damp(self) -> None:
         """Set the servo's gains so that it only damps the arm's motion and no longer controls the position.
@@ -439,7 +429,7 @@ class Servo:
         Raises:
             StrikerLost: the port failed or is closed.
         """
-        self._bus.write_unanswered(*self._gains(0, DAMPING_D_GAIN))
+        self._bus.write_unanswered(*self._gains(0, self._stronger(DAMPING_D_GAIN)))
 
     def hold(self) -> None:
         """Hold the arm where it is, with this module's position gain.
@@ -450,7 +440,22 @@ class Servo:
             StrikerLost: the servo does not answer.
         """
         self.move_to(self.require_sample().position_rad, 0.0, 0.0)
-        self._bus.write(*self._gains(POSITION_P_GAIN, 0))
+        self._bus.write(*self._position_gains())
+
+    def _position_gains(self) -> tuple[Register, int]:
+        """Gains with which the servo holds a position: those of an XM430-W210, whatever the motor's strength.
+
+        What a weaker motor lacks in damping by its own back EMF, the derivative gain supplies.
+        """
+        model = self._model
+        back_emf = model.stall_torque_n_m / model.no_load_rad_s
+        damping = max(0.0, DAMPING_N_M_S - back_emf) / (DERIVATIVE_UNIT_S * model.stall_torque_n_m)
+        return self._gains(self._stronger(POSITION_P_GAIN), min(MOST_GAIN, round(damping)))
+
+    def _stronger(self, gain: int) -> int:
+        """Gain that gives this motor the torque which `gain` gives one of POSITION_TORQUE_N_M."""
+        weaker = max(1.0, POSITION_TORQUE_N_M / self._model.stall_torque_n_m)
+        return min(MOST_GAIN, round(gain * weaker))
 
     def _gains(self, proportional: int, derivative: int) -> tuple[Register, int]:
         first = self._table["Position D Gain"]

@@ -1,4 +1,4 @@
-"""Motor, gear and control loop of a Dynamixel XM430-W210 servo at 12 V."""
+"""Motor, gear and control loop of a Dynamixel servo at its nominal voltage."""
 
 from __future__ import annotations
 
@@ -9,21 +9,14 @@ from acquire.virtual.dynamixel_registers import WATCHDOG_TRIPPED
 
 if TYPE_CHECKING:
     from acquire.virtual.dynamixel_registers import Registers
+    from schemas.servo_models import ServoModel
 
 TICK_RAD = 2 * math.pi / 4096
 VELOCITY_UNIT_RAD_S = 0.229 * 2 * math.pi / 60
 ACCELERATION_UNIT_RAD_S2 = 214.577 * 2 * math.pi / 3600
-CURRENT_UNIT_A = 2.69e-3
 ZERO_TICKS = 2048
 """position register at 0 rad"""
 
-STALL_TORQUE = 3.0
-"""stall torque [N m] at 12 V (data sheet)"""
-STALL_CURRENT = 2.3
-"""stall current [A] at 12 V (data sheet)"""
-NO_LOAD_SPEED = 77 * 2 * math.pi / 60
-"""no-load speed [rad/s] at 12 V (data sheet)"""
-TORQUE_PER_AMPERE = STALL_TORQUE / STALL_CURRENT
 GEAR_VISCOUS = 0.004
 """viscous drag of the gear [N m s/rad]"""
 GEAR_COULOMB = 0.04
@@ -33,6 +26,8 @@ COULOMB_SPEED = 0.05
 GEAR_COULOMB / COULOMB_SPEED * 1 ms = 0.8 g m2"""
 VELOCITY_FILTER_S = 0.003
 """time constant of the servo's velocity filter [s]"""
+REVERSED, PROFILE_IN_MS, TORQUE_BY_GOAL = 0x01, 0x04, 0x08
+"""bits of Drive Mode (e-manual)"""
 FULL_DUTY = 885
 """value of the PWM registers at full duty"""
 
@@ -41,9 +36,13 @@ class Motor:
     """Motor, gear and control loop of the servo; `step` is called once per millisecond.
 
     Angles are those of the horn, the servo's output shaft; at 0 rad the position register is 2048.
+
+    Args:
+        model: the servo's model.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, model: ServoModel) -> None:
+        self._model = model
         self.current = 0.0
         """current through the winding [A]; positive drives towards more ticks"""
         self.velocity = 0.0
@@ -53,6 +52,9 @@ class Motor:
         self._reference_velocity = 0.0
         self._integral = 0.0
         self._watchdog_tripped = False
+        self._profile_s = 0.0
+        """time left until the goal is reached [s], with profiles by time"""
+        self._goal = math.nan
 
     def hold(self, position: float) -> None:
         """Restart the goal trajectory, which the controller follows, at rest at `position` [rad].
@@ -78,22 +80,26 @@ class Motor:
         tripped = registers["Bus Watchdog"] == WATCHDOG_TRIPPED
         if tripped and not self._watchdog_tripped:
             self.hold(position)
+        if tripped and registers["Homing Offset"]:
+            # The stop takes the shifted position for the goal, again and again (DynamixelSDK issue 584).
+            self.reference = position + registers["Homing Offset"] * TICK_RAD
         self._watchdog_tripped = tripped
         self.current = 0.0
         if registers["Torque Enable"]:
-            self.current = self._control(registers, position, velocity, dt) / TORQUE_PER_AMPERE
+            self.current = self._control(registers, position, velocity, dt) / self._model.torque_per_ampere
         coulomb = GEAR_COULOMB * math.tanh(velocity / COULOMB_SPEED)
-        return TORQUE_PER_AMPERE * self.current - GEAR_VISCOUS * velocity - coulomb
+        return self._model.torque_per_ampere * self.current - GEAR_VISCOUS * velocity - coulomb
 
     def _control(self, registers: Registers, position: float, velocity: float, dt: float) -> float:
-        mode = registers["Operating Mode"]
-        cap = CURRENT_UNIT_A * (
+        mode, model = registers["Operating Mode"], self._model
+        stall, back_emf = model.stall_torque_n_m, model.stall_torque_n_m / model.no_load_rad_s
+        cap = model.current_unit_a * (
             abs(registers["Goal Current"]) if mode in {0, 5} else registers["Current Limit"]
         )
         stopped = self._watchdog_tripped
         if mode == 0:
-            wanted = 0.0 if stopped else registers["Goal Current"] * CURRENT_UNIT_A * TORQUE_PER_AMPERE
-            duty = (wanted + STALL_TORQUE / NO_LOAD_SPEED * velocity) / STALL_TORQUE
+            goal_a = 0.0 if stopped else registers["Goal Current"] * model.current_unit_a
+            duty = (goal_a * model.torque_per_ampere + back_emf * velocity) / stall
         elif mode == 16:
             duty = 0.0 if stopped else registers["Goal PWM"] / FULL_DUTY
         elif mode == 1:
@@ -101,11 +107,12 @@ class Motor:
             duty = self._velocity_duty(registers, goal, dt)
         else:
             goal_ticks = registers["Goal Position"] - ZERO_TICKS - registers["Homing Offset"]
-            goal = self.reference if stopped else goal_ticks * TICK_RAD
+            goal = self.reference if stopped else sign(registers) * goal_ticks * TICK_RAD
             duty = self._position_duty(registers, goal, position, dt)
         limit = registers["PWM Limit"] / FULL_DUTY
-        torque = STALL_TORQUE * max(-limit, min(limit, duty)) - STALL_TORQUE / NO_LOAD_SPEED * velocity
-        return max(-cap * TORQUE_PER_AMPERE, min(cap * TORQUE_PER_AMPERE, torque))
+        torque = stall * max(-limit, min(limit, duty)) - back_emf * velocity
+        most = cap * model.torque_per_ampere
+        return max(-most, min(most, torque))
 
     def _velocity_duty(self, registers: Registers, goal: float, dt: float) -> float:
         slope = registers["Profile Acceleration"] * ACCELERATION_UNIT_RAD_S2 * dt or math.inf
@@ -115,7 +122,7 @@ class Motor:
         self._integral = max(-FULL_DUTY, min(FULL_DUTY, self._integral + step))
         # e-manual: P gain / 128, I gain / 65536; the back EMF is fed forward.
         feedback = (registers["Velocity P Gain"] / 128 * error + self._integral) / FULL_DUTY
-        return self._reference_velocity / NO_LOAD_SPEED + feedback
+        return self._reference_velocity / self._model.no_load_rad_s + feedback
 
     def _position_duty(self, registers: Registers, goal: float, position: float, dt: float) -> float:
         self._advance_trajectory(registers, goal, dt)
@@ -139,6 +146,9 @@ class Motor:
             self.reference, self._reference_velocity = goal, 0.0
             return
         distance = goal - self.reference
+        if registers["Drive Mode"] & PROFILE_IN_MS:
+            self._advance_by_time(registers["Profile Velocity"] * 1e-3, goal, dt)
+            return
         acceleration = registers["Profile Acceleration"] * ACCELERATION_UNIT_RAD_S2
         if acceleration:
             wanted = math.copysign(min(speed, math.sqrt(2 * acceleration * abs(distance))), distance)
@@ -151,3 +161,19 @@ class Motor:
             self.reference, self._reference_velocity = goal, 0.0
         else:
             self.reference += step
+
+    def _advance_by_time(self, profile_s: float, goal: float, dt: float) -> None:
+        """Advance the trajectory towards `goal` [rad], reached `profile_s` [s] after it was set."""
+        if goal != self._goal:
+            self._goal, self._profile_s = goal, profile_s
+        if self._profile_s <= dt:
+            self.reference, self._reference_velocity = goal, 0.0
+            return
+        self._reference_velocity = (goal - self.reference) / self._profile_s
+        self.reference += self._reference_velocity * dt
+        self._profile_s -= dt
+
+
+def sign(registers: Registers) -> int:
+    """Sign of the position, velocity and current registers: -1 if the Drive Mode is reversed."""
+    return -1 if registers["Drive Mode"] & REVERSED else 1

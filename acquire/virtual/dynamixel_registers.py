@@ -1,28 +1,30 @@
-"""Control table of the virtual XM430-W210: defaults, ranges and access rules (vendor's e-manual)."""
+"""Control table of the virtual servo: defaults, ranges and access rules (vendor's e-manual)."""
 
 from __future__ import annotations
 
-from acquire.striker.control_table import EEPROM_END, control_table
-from acquire.virtual.dynamixel_protocol import StatusError
+from collections.abc import Mapping
 
-MODEL = 1030
+from acquire.striker.control_table import EEPROM_END, STARTUP_CONFIGURATION, control_table
+from acquire.virtual.dynamixel_protocol import StatusError
+from schemas.servo_models import LEAST_FIRMWARE, SERVO_MODELS, ModelName
+
 WATCHDOG_TRIPPED = 0xFF
+STARTUP_FIRMWARE = 45
+"""oldest firmware with the register Startup Configuration"""
 
 # name: (default, smallest, largest); registers that are not listed start at 0 and accept any value.
 _SPECIFICATION: dict[str, tuple[int, int, int]] = {
-    "Firmware Version": (47, 0, 255),
     "ID": (1, 0, 252),
     "Baud Rate": (1, 0, 7),
     "Return Delay Time": (250, 0, 254),
+    "Drive Mode": (0, 0, 13),
     "Operating Mode": (3, 0, 16),
     "Protocol Type": (2, 1, 2),
     "Secondary(Shadow) ID": (255, 0, 255),
+    "Homing Offset": (0, -1044479, 1044479),
     "Moving Threshold": (10, 0, 1023),
     "Temperature Limit": (80, 0, 100),
-    "Max Voltage Limit": (160, 95, 160),
-    "Min Voltage Limit": (95, 95, 160),
     "PWM Limit": (885, 0, 885),
-    "Current Limit": (1193, 0, 1193),
     "Velocity Limit": (330, 0, 1023),
     "Max Position Limit": (4095, 0, 4095),
     "Min Position Limit": (0, 0, 4095),
@@ -39,10 +41,8 @@ _SPECIFICATION: dict[str, tuple[int, int, int]] = {
     "Profile Velocity": (0, 0, 32767),
     "Profile Acceleration": (0, 0, 32767),
     "Goal PWM": (885, -885, 885),
-    "Goal Current": (1193, -1193, 1193),
     "Goal Velocity": (330, -1023, 1023),
     "Goal Position": (2048, -1048575, 1048575),
-    "Present Input Voltage": (120, 0, 0),
     "Present Temperature": (31, 0, 0),
 }
 _LIMITED_BY = {
@@ -76,12 +76,34 @@ class Registers:
     Args:
         servo_id: id of the servo on the bus.
         baud_index: value of the Baud Rate register.
+        model: name of the servo's model.
+        memory: values of registers that a former user changed, and the firmware's version.
     """
 
-    def __init__(self, servo_id: int, baud_index: int) -> None:
-        self._table = {
-            name: register for name, register in control_table(MODEL).items() if register.address < 168
+    def __init__(
+        self, servo_id: int, baud_index: int, model: ModelName, memory: Mapping[str, int] | None = None
+    ) -> None:
+        known = SERVO_MODELS[model]
+        low_v, high_v = (round(10 * volts) for volts in known.supply_v)
+        most = known.most_current
+        self._specification = _SPECIFICATION | {
+            "Firmware Version": (47, 0, 255),
+            "Max Voltage Limit": (high_v, low_v, high_v),
+            "Min Voltage Limit": (low_v, low_v, high_v),
+            "Current Limit": (most, 0, most),
+            "Goal Current": (most, -most, most),
+            "Present Input Voltage": (round(10 * known.nominal_v), 0, 0),
         }
+        memory = {"Firmware Version": 47} | dict(memory or {})
+        self._table = {
+            name: register for name, register in control_table(model).items() if register.address < 168
+        }
+        if memory["Firmware Version"] >= STARTUP_FIRMWARE:
+            self._table[STARTUP_CONFIGURATION.name] = STARTUP_CONFIGURATION
+        if memory["Firmware Version"] < LEAST_FIRMWARE:
+            self._hidden = {self._table["Bus Watchdog"].address}
+        else:
+            self._hidden = set[int]()
         self._by_address = {register.address: register for register in self._table.values()}
         self._defined = {
             register.address + k for register in self._table.values() for k in range(register.size)
@@ -89,8 +111,10 @@ class Registers:
         self._memory = bytearray(168)
         self._values: dict[str, int] = {}
         for name in self._table:
-            self[name] = _SPECIFICATION.get(name, (0, 0, 0))[0]
-        self["Model Number"], self["ID"], self["Baud Rate"] = MODEL, servo_id, baud_index
+            self[name] = self._specification.get(name, (0, 0, 0))[0]
+        self["Model Number"], self["ID"], self["Baud Rate"] = known.number, servo_id, baud_index
+        for name, value in memory.items():
+            self[name] = value
 
     def __getitem__(self, name: str) -> int:
         return self._values[name]
@@ -108,7 +132,7 @@ class Registers:
         """
         for name, register in self._table.items():
             if register.address >= EEPROM_END:
-                self[name] = _SPECIFICATION.get(name, (0, 0, 0))[0]
+                self[name] = self._specification.get(name, (0, 0, 0))[0]
         for name in ("Goal PWM", "Goal Current", "Goal Velocity"):
             self[name] = self[_LIMITED_BY[name]]
 
@@ -119,7 +143,8 @@ class Registers:
             StatusError.NONE and the bytes; or StatusError.ACCESS and no bytes if `size` is 0 or the first or
             last address is in no register.
         """
-        if size == 0 or address not in self._defined or address + size - 1 not in self._defined:
+        ends = {address, address + size - 1}
+        if size == 0 or not ends <= self._defined or ends & self._hidden:
             return StatusError.ACCESS, b""
         return StatusError.NONE, bytes(self._memory[address : address + size])
 
@@ -160,11 +185,12 @@ class Registers:
     def _check(self, name: str, address: int, value: int) -> StatusError:
         if (
             name in _READ_ONLY
+            or address in self._hidden
             or name.startswith("Present")
             or (address < EEPROM_END and self["Torque Enable"])
         ):
             return StatusError.ACCESS
-        low, high = _SPECIFICATION[name][1:] if name in _SPECIFICATION else (-(1 << 31), 1 << 31)
+        low, high = self._specification[name][1:] if name in self._specification else (-(1 << 31), 1 << 31)
         if not low <= value <= high or (name == "Operating Mode" and value not in _OPERATING_MODES):
             return StatusError.RANGE
         if self._exceeds_limit(name, value):

@@ -1,10 +1,10 @@
-"""Virtual Dynamixel XM430-W210 servo behind a pseudo-terminal: protocol 2.0 in, torque on the arm out.
+"""Virtual Dynamixel servo behind a pseudo-terminal: protocol 2.0 in, torque on the arm out.
 
-Not modelled: indirect addressing, homing offset in the goal limits, drive modes (reverse, time-based profile,
-torque on by goal), secondary ID, instructions that the striker never sends (group reads, bulk and registered
-writes, factory reset, clear), the overshoot of a real velocity estimate, backlash, cogging, heating (a
-test sets the temperature), voltage sag, noise and collisions on the bus. Of several servos on one bus only
-this one answers.
+Not modelled: indirect addressing, homing offset in the goal limits, secondary ID, what Startup Configuration
+does, the acceleration time of profiles by time, instructions that the striker never sends (group reads, bulk
+and registered writes, factory reset, clear), the overshoot of a real velocity estimate, backlash, cogging,
+heating (a test sets the temperature), voltage sag, noise and collisions on the bus. Of several servos on one
+bus only this one answers.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from acquire.virtual.dynamixel_motor import (
-    CURRENT_UNIT_A,
     FULL_DUTY,
-    STALL_CURRENT,
     TICK_RAD,
+    TORQUE_BY_GOAL,
     VELOCITY_UNIT_RAD_S,
     ZERO_TICKS,
     Motor,
+    sign,
 )
 from acquire.virtual.dynamixel_protocol import (
     ALERT,
@@ -38,10 +38,11 @@ from acquire.virtual.dynamixel_protocol import (
     StatusError,
     encode,
 )
-from acquire.virtual.dynamixel_registers import MODEL, WATCHDOG_TRIPPED, Registers
+from acquire.virtual.dynamixel_registers import WATCHDOG_TRIPPED, Registers
+from schemas.servo_models import SERVO_MODELS, ModelName
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
 BAUD_RATES = (9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
@@ -87,8 +88,8 @@ class WireTime:
     register Return Delay Time, and `adapter_ns` [ns].
     """
 
-    adapter_ns: int = 0
-    """constant delay of the USB adapter [ns]"""
+    adapter_ns: int = 1_000_000
+    """constant delay of the USB adapter [ns]: some 500 readings a second are possible with this one"""
 
 
 class DynamixelServo:
@@ -106,6 +107,8 @@ class DynamixelServo:
         seed: seed of noise and clock drift.
         baud_rate: baud rate stored in the EEPROM.
         wire: delay of the answers; None to answer at once.
+        model: name of the servo's model.
+        memory: values of registers that a former user changed, and the firmware's version.
     """
 
     def __init__(
@@ -115,15 +118,18 @@ class DynamixelServo:
         link_path: Path,
         seed: int = 0,
         baud_rate: int = 1_000_000,
-        wire: WireTime | None = None,
+        wire: WireTime | None = WireTime(),  # noqa: B008 - immutable
+        model: ModelName = "XM430-W210",
+        memory: Mapping[str, int] | None = None,
     ) -> None:
         self._plant = plant
         self._random = random.Random(seed)  # noqa: S311 - noise, not a secret
         self._drift = 1.0 + self._random.uniform(-CLOCK_DRIFT_MAX, CLOCK_DRIFT_MAX)
         self._wire = wire
-        self.registers = Registers(servo_id=1, baud_index=BAUD_RATES.index(baud_rate))
+        self._model = SERVO_MODELS[model]
+        self.registers = Registers(1, BAUD_RATES.index(baud_rate), model, memory)
         self.registers.reboot()
-        self._motor = Motor()
+        self._motor = Motor(self._model)
         self._parser = Parser()
         self._answers: deque[tuple[int, bytes]] = deque()
         now_ns = clock_ns()
@@ -189,7 +195,7 @@ class DynamixelServo:
     def _protect(self, now_ns: int) -> None:
         if self.registers["Present Temperature"] > self.registers["Temperature Limit"]:
             self.fail(HardwareError.OVERHEATING)
-        if abs(self._motor.current) < 0.9 * STALL_CURRENT:
+        if abs(self._motor.current) < 0.9 * self._model.stall_current_a:
             self._overload_since_ns = None
         elif self._overload_since_ns is None:
             self._overload_since_ns = now_ns
@@ -210,7 +216,8 @@ class DynamixelServo:
 
     def _position_ticks(self, position: float) -> int:
         offset = self.registers["Homing Offset"]
-        ticks = position / TICK_RAD + ZERO_TICKS + offset + self._random.gauss(0.0, POSITION_NOISE_TICKS)
+        noise = self._random.gauss(0.0, POSITION_NOISE_TICKS)
+        ticks = sign(self.registers) * position / TICK_RAD + ZERO_TICKS + offset + noise
         return round(ticks) % 4096 if self.registers["Operating Mode"] == 3 else round(ticks)
 
     def _position(self, now_ns: int) -> float:
@@ -233,10 +240,12 @@ class DynamixelServo:
         registers = self.registers
         registers["Realtime Tick"] = int((now_ns - self._boot_ns) * self._drift / 1e6) & 0x7FFF
         registers["Present Position"] = self._position_ticks(position)
-        registers["Present Velocity"] = round(self._motor.velocity / VELOCITY_UNIT_RAD_S)
-        registers["Present Current"] = round(self._motor.current / CURRENT_UNIT_A)
-        registers["Present PWM"] = round(FULL_DUTY * max(-1.0, min(1.0, self._motor.current / STALL_CURRENT)))
-        registers["Position Trajectory"] = round(self._motor.reference / TICK_RAD) + ZERO_TICKS
+        way, model = sign(registers), self._model
+        duty = max(-1.0, min(1.0, self._motor.current / model.stall_current_a))
+        registers["Present Velocity"] = way * round(self._motor.velocity / VELOCITY_UNIT_RAD_S)
+        registers["Present Current"] = way * round(self._motor.current / model.current_unit_a)
+        registers["Present PWM"] = way * round(FULL_DUTY * duty)
+        registers["Position Trajectory"] = way * round(self._motor.reference / TICK_RAD) + ZERO_TICKS
         registers["Moving"] = int(abs(registers["Present Velocity"]) > registers["Moving Threshold"])
 
     # --- bus
@@ -301,7 +310,7 @@ class DynamixelServo:
         own_id = self.registers["ID"]
         self._measure(now_ns)
         if packet.instruction == Instruction.PING:
-            identity = struct.pack("<HB", MODEL, self.registers["Firmware Version"])
+            identity = struct.pack("<HB", self._model.number, self.registers["Firmware Version"])
             return self._status(StatusError.NONE, identity, level=0)
         if packet.instruction == Instruction.READ and packet.id == own_id and len(packet.parameters) == 4:
             error, data = self.registers.read(*struct.unpack("<HH", packet.parameters))
@@ -340,16 +349,19 @@ class DynamixelServo:
         error, names = self.registers.write(address, data)
         if "Operating Mode" in names:
             self.registers["Goal Current"] = self.registers["Current Limit"]
+        if "Goal Position" in names and self.registers["Drive Mode"] & TORQUE_BY_GOAL and not was_on:
+            self.registers["Torque Enable"] = 1
+            self._motor.hold(self._plant()[0])
         if "Torque Enable" in names and self.registers["Torque Enable"] and not was_on:
             position, _ = self._plant()
             self._motor.hold(position)
-            ticks = math.floor(position / TICK_RAD + 0.5) + ZERO_TICKS
+            ticks = math.floor(sign(self.registers) * position / TICK_RAD + 0.5) + ZERO_TICKS
             self.registers["Goal Position"] = ticks + self.registers["Homing Offset"]
         return error
 
     def _reboot(self, now_ns: int) -> None:
         self.registers.reboot()
-        self._motor = Motor()
+        self._motor = Motor(self._model)
         self._boot_ns = self._online_ns = now_ns + REBOOT_NS
         self._measure(now_ns)
         self.registers["Goal Position"] = self.registers["Present Position"]

@@ -21,7 +21,6 @@ from acquire.session.machine import SessionMachine
 from acquire.striker.detector import ContactDetector
 from acquire.striker.sample import (
     ACCELERATION_UNIT_RAD_S2,
-    CURRENT_UNIT_A,
     TICK_RAD,
     VELOCITY_UNIT_RAD_S,
     Sample,
@@ -48,9 +47,11 @@ from analyze.planning.prepared import prepare_object
 from analyze.types import TipAngle, TipMotion
 from schemas.object_spec import object_sha256
 from schemas.rig import StrikerConfig
+from schemas.servo_models import SERVO_MODELS
 from schemas.strike_plan import PlannedStrike, StrikePlan
 from schemas.watch_lines import StrikeVerdict
 
+SERVO = SERVO_MODELS["XM430-W210"]
 FRAME_NS = 8_333_333
 ANGLE_SD = math.radians(0.03)
 """standard deviation of the angle per frame [rad], as with a tag of 80 px"""
@@ -126,10 +127,10 @@ class ServoArm:
 
     def __init__(self, rng: np.random.Generator) -> None:
         self._rng = rng
-        self._motor, self._registers = Motor(), Registers(1, 1)
+        self._motor, self._registers = Motor(SERVO), Registers(1, 1, "XM430-W210")
         self._config = StrikerConfig()
         self._registers["Operating Mode"] = CURRENT_BASED_POSITION
-        self._registers["Goal Current"] = round(self._config.current_limit_a / CURRENT_UNIT_A)
+        self._registers["Goal Current"] = round(self._config.current_limit_a / SERVO.current_unit_a)
         self._registers["Position P Gain"] = POSITION_P_GAIN
         self._registers["Torque Enable"] = 1
         self._motor.hold(self._config.cocked_angle_rad)

@@ -25,7 +25,9 @@ RIG = (
 address = "192.168.10.2"
 """
     + CALIBRATION
-    + """[recorder]
+    + """[striker]
+effective_mass_kg = 0.2
+[recorder]
 directory = "{folder}"
 [daemon]
 socket = "{folder}/run/daemon.sock"
@@ -126,7 +128,9 @@ class Bench:
     rig_path: Path
     computer: FakeComputer = field(default_factory=FakeComputer)
     disk: FakeDisk = field(default_factory=FakeDisk)
-    servo: ServoState | Exception = field(default_factory=lambda: ServoState(1030, 12.1, 33, None))
+    servo: ServoState | Exception = field(
+        default_factory=lambda: ServoState("XM430-W210", 12.1, 33, None, reads_per_s=600.0)
+    )
     source: FakeVideoSource = field(default_factory=FakeVideoSource)
     status: dict | Exception | None = None
 

@@ -140,18 +140,23 @@ def test_finding_names_the_measured_disk(bench: Bench, monkeypatch: pytest.Monke
 
 
 def test_the_servo(bench: Bench) -> None:
-    good = ServoState(1030, 12.0, 30, None)
+    good = ServoState("XM430-W210", 12.0, 30, None, reads_per_s=600.0)
     for state, line in [
         (replace(good, voltage_v=5.0), "servo supply"),
         (replace(good, voltage_v=16.0), "servo supply"),
         (replace(good, temperature_c=66), "servo temperature"),
         (replace(good, hardware_error="hardware error status 32: overload"), "servo health"),
+        (replace(good, dangers=("Drive Mode 4",)), "servo memory"),
+        (replace(good, firmware_problem="firmware 37 has no bus watchdog: update it"), "servo"),
+        (replace(good, reads_per_s=60.0), "servo rate"),
     ]:
         bench.servo = state
         assert bench.failures() == {line}
-    bench.rig_path.write_text(
-        bench.rig_path.read_text(encoding="utf-8") + '[striker]\nkind = "manual"\n', encoding="utf-8"
-    )
+    toml = bench.rig_path.read_text(encoding="utf-8")
+    bench.rig_path.write_text(toml.replace("effective_mass_kg = 0.2\n", ""), encoding="utf-8")
+    bench.servo = good
+    assert bench.failures() == {"servo calibration"}
+    bench.rig_path.write_text(toml.replace("effective_mass_kg = 0.2", 'kind = "manual"'), encoding="utf-8")
     lines = bench.lines()
     assert "hand" in lines["servo"].found
     assert "serial port" not in lines

@@ -31,6 +31,7 @@ receive_buffer_bytes = 8388608
     + CALIBRATION
     + """[striker]
 port = "{port}"
+effective_mass_kg = 0.17
 [recorder]
 directory = "{folder}"
 [daemon]

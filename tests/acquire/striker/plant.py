@@ -12,12 +12,14 @@ import os
 import select
 import threading
 import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from acquire.virtual.dynamixel_protocol import HEADER
 from acquire.virtual.dynamixel_servo import DynamixelServo, WireTime
 from schemas.rig import StrikerConfig
+from schemas.servo_models import ModelName
 
 ARM_INERTIA = 0.0025
 ARM_LENGTH = 0.12
@@ -56,7 +58,13 @@ class Plant:
     """greatest delay of a step of any plant since a test began, see tests/conftest.py"""
 
     def __init__(
-        self, folder: Path, gap: float | None = None, seed: int = 0, baud_rate: int = 1_000_000
+        self,
+        folder: Path,
+        gap: float | None = None,
+        seed: int = 0,
+        baud_rate: int = 1_000_000,
+        model: ModelName = "XM430-W210",
+        memory: Mapping[str, int] | None = None,
     ) -> None:
         self.angle, self.omega = -0.52, 0.0  # gear friction holds it there
         self.theta, self.theta_dot = 0.0, 0.0
@@ -72,7 +80,10 @@ class Plant:
             folder / "ttyDXL",
             seed=seed,
             baud_rate=baud_rate,
+            model=model,
+            memory=memory,
         )
+        self.model: ModelName = model
         self._closing = 1.0
         self._end = threading.Event()
         self.frozen = threading.Event()
@@ -81,6 +92,7 @@ class Plant:
         self._wire = threading.Lock()
         self._plugged = True
         self._held = False
+        self._restart: Callable[[float], bool] | None = None
         self._thread = threading.Thread(target=self._run, name="plant")
 
     def __enter__(self) -> Plant:
@@ -108,6 +120,7 @@ class Plant:
     def config(self, **changes: object) -> StrikerConfig:
         known = {
             "port": str(self.servo.port_path),
+            "model": self.model,
             "effective_mass_kg": EFFECTIVE_MASS,
             "effective_mass_sd_kg": 0.01,
         }
@@ -170,7 +183,20 @@ class Plant:
         """Delay all answers of the servo by `seconds` from now on, as an adapter does; 0 ends the delay."""
         self.servo._wire = WireTime(round(seconds * 1e9)) if seconds else None
 
+    def restart_when(self, reached: Callable[[float], bool]) -> list[int]:
+        """Restart the servo, as a supply that drops does, once `reached` is true of the arm's angle [rad].
+
+        Returns:
+            List that will hold the time of the restart [ns].
+        """
+        self._restart, self.restarts = reached, []
+        return self.restarts
+
     def _step(self, now_ns: int, dt: float) -> None:
+        if self._restart is not None and self._restart(self.angle):
+            self._restart = None
+            self.restarts.append(now_ns)
+            self.servo._reboot(now_ns)
         torque = self.servo.torque(self.angle, self.omega, now_ns)
         self.history.append((now_ns, self.angle, self.omega))
         count = 1 if self.gap is None else SUBSTEPS

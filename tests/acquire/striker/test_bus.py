@@ -44,7 +44,7 @@ def test_port_in_use_is_refused_until_closed(bus: ServoBus, plant: Plant) -> Non
 
 def test_registers_are_signed_and_refusals_give_the_reason(bus: ServoBus) -> None:
     bus.open()
-    table = control_table(1030)
+    table = control_table("XM430-W210")
     bus.write(table["Operating Mode"], 5)
     bus.write(table["Current Limit"], 400)
     bus.write(table["Goal Position"], -500)
@@ -71,4 +71,4 @@ def test_unplugged_adapter_is_reported_as_lost_not_busy() -> None:
     with pytest.raises(StrikerNotFound):
         bus.open()
     with pytest.raises(StrikerLost, match="closed"):
-        bus.read(control_table(1030)["Shutdown"])
+        bus.read(control_table("XM430-W210")["Shutdown"])

@@ -26,7 +26,7 @@ from acquire.striker.control_table import control_table
 from acquire.striker.deadman import DeadManSwitch
 bus = ServoBus(sys.argv[1], 1_000_000, 1, SystemClock())
 bus.open()
-torque = control_table(1030)["Torque Enable"]
+torque = control_table("XM430-W210")["Torque Enable"]
 bus.write(torque, 1)
 dead_man = DeadManSwitch(bus.descriptor, bus.unanswered_packet(torque, 0))
 print("there", flush=True)
@@ -68,7 +68,7 @@ def port_is_free(bus: ServoBus) -> bool:
 def test_dismissed_switch_does_nothing_and_ignores_signals(plant: Plant) -> None:
     bus = ServoBus(str(plant.servo.port_path), 1_000_000, 1, SystemClock())
     bus.open()
-    table = control_table(1030)
+    table = control_table("XM430-W210")
     try:
         bus.write(table["Torque Enable"], 1)
         dead_man = DeadManSwitch(bus.descriptor, bus.unanswered_packet(table["Torque Enable"], 0))

@@ -11,17 +11,13 @@ from pathlib import Path
 import pytest
 
 from acquire.striker.control_table import control_table
-from acquire.virtual.dynamixel_motor import (
-    CURRENT_UNIT_A,
-    NO_LOAD_SPEED,
-    TICK_RAD,
-    TORQUE_PER_AMPERE,
-    VELOCITY_UNIT_RAD_S,
-)
+from acquire.virtual.dynamixel_motor import TICK_RAD, VELOCITY_UNIT_RAD_S
 from acquire.virtual.dynamixel_protocol import ALERT, Instruction, Parser, StatusError, encode
 from acquire.virtual.dynamixel_servo import DynamixelServo, HardwareError, WireTime
+from schemas.servo_models import SERVO_MODELS
 
-TABLE = control_table(1030)
+TABLE = control_table("XM430-W210")
+MODEL = SERVO_MODELS["XM430-W210"]
 INERTIA = 0.0025
 
 
@@ -170,11 +166,11 @@ def test_position_modes_follow_their_profile(bench: Bench) -> None:
 def test_current_and_speed_are_limited(bench: Bench) -> None:
     bench.set(Operating_Mode=5, Goal_Current=200, Torque_Enable=1, Goal_Position=2048 + 1500)
     torque = bench.servo.torque(0.0, 0.0, bench.now_ns)
-    assert torque == pytest.approx(200 * CURRENT_UNIT_A * TORQUE_PER_AMPERE, rel=0.01)
+    assert torque == pytest.approx(200 * MODEL.current_unit_a * MODEL.torque_per_ampere, rel=0.01)
     bench.set(Torque_Enable=0)
     bench.set(Operating_Mode=16, Torque_Enable=1, Goal_PWM=885)
     bench.run(0.3)
-    assert 0.9 * NO_LOAD_SPEED < bench.omega < NO_LOAD_SPEED
+    assert 0.9 * MODEL.no_load_rad_s < bench.omega < MODEL.no_load_rad_s
 
 
 def test_drag_without_torque_brakes_but_does_not_reverse(bench: Bench) -> None:
