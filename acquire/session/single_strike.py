@@ -28,7 +28,7 @@ SLOWEST_FACTOR, RUN_UP_FACTOR = 1.2, 1.08
 SPEED_DECIMALS = 4
 """decimals of the default tip speeds in m/s"""
 MAX_SWING_TRIES = 4
-"""largest number of tries of one swing; a try fails if this host pauses for 100 ms, which stops the arm"""
+"""largest number of tries of one swing; a try fails if this host pauses for 60 ms, which stops the arm"""
 
 
 @contextlib.contextmanager

@@ -16,7 +16,7 @@ from acquire.striker import deadman_process
 
 
 class DeadManSwitch:
-    """Child process that switches the servo's torque off 0.13 s after this process has ended.
+    """Child process that switches the servo's torque off 0.11 s after this process has ended.
 
     By then the servo's bus watchdog has stopped a swinging arm. The child is ready once the constructor
     has returned.

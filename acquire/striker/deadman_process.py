@@ -12,8 +12,8 @@ import signal
 import sys
 import time
 
-DELAY_S = 0.13
-"""delay before the torque goes off [s]: the servo's watchdog stops a swinging arm after a little over 100 ms;
+DELAY_S = 0.11
+"""delay before the torque goes off [s]: the servo's watchdog stops a swinging arm within 100 ms;
 an arm without torque before that would swing on"""
 REPETITIONS, REPETITION_PAUSE_S = 3, 0.005
 """number of times that the packet is sent, because nothing confirms it, and pause between them [s]"""
@@ -22,7 +22,7 @@ READY, DISMISSED = b"!", b"."
 
 
 def main() -> None:
-    """Wait for the end of the parent process; 0.13 s later send the packet that switches the torque off.
+    """Wait for the end of the parent process; 0.11 s later send the packet that switches the torque off.
 
     The packet is sent three times. The command line gives the file descriptor of the serial port, and the
     packet in hexadecimal. A "!" on standard output shows that the process is ready. The end of standard

@@ -52,7 +52,7 @@ DAMPED_S = 0.02
 """time for a stopped arm to come to rest before its position is held [s]"""
 
 _NOT_REACHED = "the arm did not reach the impact point; check that it moves freely"
-_HOST_PAUSED = "this host paused for 100 ms, and the watchdog stopped the arm; take load off the host"
+_HOST_PAUSED = "this host paused for 60 ms, and the watchdog stopped the arm; take load off the host"
 _Event = pb.StrikerEvent
 
 

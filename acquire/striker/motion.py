@@ -34,7 +34,7 @@ SETTLED_READS = 20
 """number of consecutive reads, all near the goal and at rest, after which the arm is settled: within
 SETTLED_TICKS of the goal and SETTLED_UNITS of rest, in units of the position and velocity registers"""
 MAX_SILENCE_NS = 200_000_000
-"""longest time without an answer in a swing [ns]: by then the servo's own watchdog (100 ms) has stopped it,
+"""longest time without an answer in a swing [ns]: by then the servo's own watchdog (60 ms) has stopped it,
 if this host paused"""
 MAX_UNWATCHED_NS = 1_000_000_000
 """time between two samples from which on they say nothing about a restart [ns]"""
@@ -186,7 +186,7 @@ class ArmMotion:
         """
         there = abs(sample.position_rad - self._config.cocked_angle_rad) <= SETTLED_TICKS * TICK_RAD
         still = abs(sample.velocity_rad_s) <= SETTLED_UNITS * VELOCITY_UNIT_RAD_S
-        if still and not there and self._servo.watchdog_tripped():  # this host paused for 100 ms
+        if still and not there and self._servo.watchdog_tripped():  # this host paused for 60 ms
             self._servo.start_watchdog()
             self._servo.move_to(self._config.cocked_angle_rad, SLOW_RAD_S, SLOW_RAD_S2)
         return there and still

@@ -41,9 +41,9 @@ CURRENT_BASED_POSITION = 5
 """value of Operating Mode: position control with a current limit"""
 SHUTDOWN = 52
 """value of the Shutdown register: overheating, electrical shock and overload switch the torque off"""
-WATCHDOG_UNITS = 5
-"""watchdog time in units of 20 ms: a killed host stops the motor after 100 ms; without it the servo keeps
-turning"""
+WATCHDOG_UNITS = 3
+"""watchdog time in units of 20 ms: a silent host stops the motor after 60 ms, and the arm rests within
+100 ms; without it the servo keeps turning"""
 ALL_ANSWERS = 2
 """value of Status Return Level: every request is answered"""
 WATCHDOG_TRIPPED = 0xFF
@@ -331,7 +331,7 @@ class Servo:
         self._bus.write(self._table["Torque Enable"], 0)
 
     def start_watchdog(self) -> None:
-        """Start the servo's bus watchdog: from now on, 100 ms of silence on the bus stop the motor.
+        """Start the servo's bus watchdog: from now on, 60 ms of silence on the bus stop the motor.
 
         A tripped watchdog is cleared first.
 

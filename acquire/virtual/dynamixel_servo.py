@@ -118,7 +118,7 @@ class DynamixelServo:
         link_path: Path,
         seed: int = 0,
         baud_rate: int = 1_000_000,
-        wire: WireTime | None = WireTime(),  # noqa: B008 - immutable
+        wire: WireTime | None = WireTime(),
         model: ModelName = "XM430-W210",
         memory: Mapping[str, int] | None = None,
     ) -> None:

@@ -162,6 +162,17 @@ def _duck() -> list[tuple[Solid, float]]:
     return [(weight, STEEL), (body + head + beak - weight, 350.0)]
 
 
+def _plate() -> list[tuple[Solid, float]]:
+    dish = _rod(70, 18, (0, 0, 0), "z", 125) - _rod(66, 18, (0, 0, 5), "z", 120)
+    return [(dish, CERAMIC)]
+
+
+def _board() -> list[tuple[Solid, float]]:
+    board = _box(320, 220, 16) - _rod(12, 30, (0, 90, 0), "z")
+    edge = _box(320, 20, 16, (0, -100, 0))
+    return [(edge, 1200.0), (board - edge, WOOD)]
+
+
 def _post() -> list[tuple[Solid, float]]:
     foot = _box(30, 20, 30, (0, 0, -30))
     return [(foot, 2000.0), (_box(30, 20, 90) - foot, 500.0)]
@@ -180,6 +191,8 @@ OBJECTS: dict[str, Callable[[], list[tuple[Solid, float]]]] = {
     "screwdriver": _screwdriver,
     "wrench": _wrench,
     "duck": _duck,
+    "plate": _plate,
+    "board": _board,
 }
 """Parts with their densities [kg/m^3] by the object's name; frames are far from any fixture's."""
 

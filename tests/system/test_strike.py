@@ -22,7 +22,7 @@ def test_strikes_and_calibration_of_the_virtual_striker() -> None:
     with session_rig() as rig:
         toml = str(rig.folder / "d.toml")
         outcome = {"contacts": 0}
-        for _ in range(5):  # a host that stands still for 100 ms stops the arm, and says so
+        for _ in range(5):  # a host that stands still for 60 ms stops the arm, and says so
             once = strike("--rig", toml, "--speed", "0.3")
             outcome = json.loads(once.stdout)
             assert once.returncode == (0 if outcome["contacts"] == 1 else 3), once.stderr

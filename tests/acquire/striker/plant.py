@@ -93,6 +93,8 @@ class Plant:
         self._plugged = True
         self._held = False
         self._restart: Callable[[float], bool] | None = None
+        self._loss: Callable[[float], bool] | None = None
+        self.restarts: list[int] = []
         self._thread = threading.Thread(target=self._run, name="plant")
 
     def __enter__(self) -> Plant:
@@ -192,7 +194,18 @@ class Plant:
         self._restart, self.restarts = reached, []
         return self.restarts
 
+    def lose_when(self, reached: Callable[[float], bool]) -> None:
+        """Let the servo hear nothing more once `reached` is true of the arm's angle [rad]: a cut cable.
+
+        The time is the first of `restarts`.
+        """
+        self._loss, self.restarts = reached, []
+
     def _step(self, now_ns: int, dt: float) -> None:
+        if self._loss is not None and self._loss(self.angle):
+            self._loss = None
+            self.restarts.append(now_ns)
+            self.frozen.set()
         if self._restart is not None and self._restart(self.angle):
             self._restart = None
             self.restarts.append(now_ns)
