@@ -22,9 +22,11 @@ import numpy as np
 from acquire.daemon.client import DaemonClient
 from acquire.errors import StrikerError
 from tests.acquire.striker.lateness import Lateness
-from tests.system.fault_rig import FaultRig, fault_rig, wait_until
+from tests.system.fault_rig import RATE_HZ, Daemon, FaultRig, fault_rig, wait_until
 
 BROWSERS = 4
+LINE_RATE_HZ = 365.0
+"""frames of 656 x 492 per second that a gigabit cable carries"""
 STILL_RAD_S = 0.1
 """angular speed below which the arm counts as resting [rad/s]"""
 TIP_SPEED_M_S = 0.3
@@ -100,21 +102,9 @@ def measure(presses: int) -> dict[str, object]:
     rests: list[float] = []
     with fault_rig() as rig, contextlib.ExitStack() as cleanup:
         _, daemon, client = rig.recording_daemon()
-        command = [sys.executable, "-m", "acquire", "console", str(daemon.rig_file), "--port", "0"]
-        console = cleanup.enter_context(
-            subprocess.Popen([*command, "--no-browser"], stdout=subprocess.PIPE, text=True)
-        )
-        cleanup.callback(console.terminate)
-        assert console.stdout is not None
-        page = Page(console.stdout.readline().split()[-1])
-        arguments = [page.host, page.cookie, str(BROWSERS)]
-        looking = subprocess.Popen(
-            [sys.executable, "-m", "tests.benchmarks.console_browsers", *arguments], stdin=subprocess.PIPE
-        )
-        busy = subprocess.Popen([sys.executable, "-c", "while True: pass"])
-        for program in (looking, busy):
-            cleanup.enter_context(program)
-            cleanup.callback(program.kill)
+        console, page = _watched_console(daemon, cleanup)
+        busy = cleanup.enter_context(subprocess.Popen([sys.executable, "-c", "while True: pass"]))
+        cleanup.callback(busy.kill)
         time.sleep(3.0)
         _put_arm_first()
         pids = {"console": console.pid, "daemon": daemon.pid, "capture": daemon.capture}
@@ -152,6 +142,56 @@ def measure(presses: int) -> dict[str, object]:
         }
 
 
+def measure_line_rate(seconds: float) -> dict[str, object]:
+    """Record every frame at the capacity of a gigabit cable; return frames and losses, and CPU shares."""
+    with fault_rig() as rig, contextlib.ExitStack() as cleanup:
+        path = rig.rig_file(recorder='mode = "continuous"\nrotate_bytes = 1073741824\nkeep_files = 2\n')
+        text = path.read_text(encoding="utf-8").replace(
+            f"frame_rate_hz = {RATE_HZ}", f"frame_rate_hz = {LINE_RATE_HZ}\nexposure_us = 1000"
+        )
+        path.write_text(text, encoding="utf-8")
+        rig.camera()
+        daemon = rig.daemon(path)
+        client = rig.client(daemon)
+        rig.open_recording(client)
+        console, _ = _watched_console(daemon, cleanup)
+        time.sleep(3.0)
+        pids = {"console": console.pid, "daemon": daemon.pid, "capture": daemon.capture}
+        before = {name: _cpu_s(pid) for name, pid in pids.items()}
+        began_s, first = time.monotonic(), client.call("status")
+        time.sleep(seconds)
+        took_s, last = time.monotonic() - began_s, client.call("status")
+        cpu = {name: round(100 * (_cpu_s(pid) - before[name]) / took_s, 1) for name, pid in pids.items()}
+        client.call("recording.close")
+        return {
+            "seconds": round(took_s, 1),
+            "frames": last["frames"] - first["frames"],
+            "lost": last["lost"] - first["lost"],
+            "dropped": last["dropped"] - first["dropped"],
+            "cpu_percent": cpu,
+            "browsers": BROWSERS,
+        }
+
+
+def _watched_console(daemon: Daemon, cleanup: contextlib.ExitStack) -> tuple[subprocess.Popen[str], Page]:
+    """Start the console of a daemon, its operator's page and the browsers that look on."""
+    command = [sys.executable, "-m", "acquire", "console", str(daemon.rig_file), "--port", "0"]
+    console = cleanup.enter_context(
+        subprocess.Popen([*command, "--no-browser"], stdout=subprocess.PIPE, text=True)
+    )
+    cleanup.callback(console.terminate)
+    assert console.stdout is not None
+    page = Page(console.stdout.readline().split()[-1])
+    arguments = [page.host, page.cookie, str(BROWSERS)]
+    looking = cleanup.enter_context(
+        subprocess.Popen(
+            [sys.executable, "-m", "tests.benchmarks.console_browsers", *arguments], stdin=subprocess.PIPE
+        )
+    )
+    cleanup.callback(looking.kill)
+    return console, page
+
+
 def _figures(values: list[float]) -> dict[str, float]:
     p50, p99 = np.percentile(values, [50, 99])
     return {"p50": round(float(p50), 1), "p99": round(float(p99), 1), "worst": round(max(values), 1)}
@@ -161,7 +201,10 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--presses", type=int, default=200)
-    sys.stdout.write(json.dumps(measure(parser.parse_args().presses), indent=2) + "\n")
+    parser.add_argument("--line-rate", type=float, metavar="SECONDS", help="no presses: record at line rate")
+    given = parser.parse_args()
+    found = measure_line_rate(given.line_rate) if given.line_rate else measure(given.presses)
+    sys.stdout.write(json.dumps(found, indent=2) + "\n")
 
 
 if __name__ == "__main__":
