@@ -56,22 +56,31 @@ class RigLimits:
     """lowest and highest impact point over the table [m]; None if a person strikes by hand"""
     T_world_camera: list[list[float]]
     """(4, 4) pose of the camera in W [m]"""
+    arm_length_m: float | None = None
+    """length of the servo's arm [m]; None without one"""
 
     @classmethod
     def from_config(cls, config: RigConfig) -> RigLimits:
         """Limits of tip speed and impact height, and the camera's pose, from a rig file's content."""
         striker, pose = config.striker, config.camera.calibration.T_world_camera
         by_hand = striker.kind == "manual"
-        return cls(None if by_hand else striker.tip_speeds(), None if by_hand else striker.reach_m, pose)
+        if by_hand:
+            return cls(None, None, pose)
+        return cls(striker.tip_speeds(), striker.reach_m, pose, striker.arm_length_m)
 
     def as_dict(self) -> dict[str, Any]:
         """Tip speeds, impact heights and camera pose as a JSON object: the answer to a request `rig`.
 
-        Its entries: `speeds_m_s` (slowest, fastest) and `reach_m` (lowest, highest), both None for strikes by
-        hand, and `T_world_camera` (4, 4) [m].
+        Its entries: `speeds_m_s` (slowest, fastest), `reach_m` (lowest, highest) and `arm_length_m`, all None
+        for strikes by hand, and `T_world_camera` (4, 4) [m].
         """
         speeds = None if self.speeds is None else [self.speeds.slowest_m_s, self.speeds.fastest_m_s]
-        return {"speeds_m_s": speeds, "reach_m": self.reach_m, "T_world_camera": self.T_world_camera}
+        return {
+            "speeds_m_s": speeds,
+            "reach_m": self.reach_m,
+            "T_world_camera": self.T_world_camera,
+            "arm_length_m": self.arm_length_m,
+        }
 
     @classmethod
     def from_dict(cls, answer: Mapping[str, Any]) -> RigLimits:
@@ -84,4 +93,5 @@ class RigLimits:
             None if speeds is None else TipSpeeds(*speeds),
             None if reach is None else (reach[0], reach[1]),
             answer["T_world_camera"],
+            answer.get("arm_length_m"),
         )

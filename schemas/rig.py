@@ -165,7 +165,7 @@ class StrikerConfig(Document):
         most_a = SERVO_MODELS[self.model].most_current_a
         if self.current_limit_a > most_a:
             raise ValueError(
-                f"current_limit_a = {self.current_limit_a:g} is above the {most_a:.2g} A of an {self.model}"
+                f"current_limit_a = {self.current_limit_a:g} is above the {most_a:.3g} A of an {self.model}"
             )
         return self
 

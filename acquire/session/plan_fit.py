@@ -10,11 +10,14 @@ import math
 from collections.abc import Sequence
 
 from acquire.config import RigLimits
+from schemas.servo_models import SERVO_MODELS
 from schemas.strike_plan import PlannedStrike, StrikePlan
 
 MAX_CAMERA_SHIFT_M, MAX_CAMERA_TURN_RAD = 0.02, math.radians(2.0)
 """differences [m], [rad] from the plan's camera pose above which tags may leave the image: each shifts them
 by some 50 of 656 pixels"""
+STRONG_N_M = 1.0
+"""stall torque of servos that swing any usual arm as fast as they turn [N m]"""
 MAX_STRIKES_NAMED = 4
 """largest number of strikes that a message lists by id"""
 
@@ -45,7 +48,22 @@ def _speed_problem(plan: StrikePlan, limits: RigLimits) -> str:
     )
     slowest, fastest = limits.speeds.slowest_m_s, limits.speeds.fastest_m_s
     needed = f"{_strike_ids(wrong)} may need {low:.3g} to {high:.3g} m/s"
-    return f"{needed}, the striker swings at {slowest:.3g} to {fastest:.3g} m/s"
+    more = _faster_striker(high, fastest, limits.arm_length_m) if high > fastest else ""
+    return f"{needed}, the striker swings at {slowest:.3g} to {fastest:.3g} m/s{more}"
+
+
+def _faster_striker(needed_m_s: float, fastest_m_s: float, arm_length_m: float | None) -> str:
+    """Arm and strong servos that reach a tip speed which this striker does not, in words; "" without an arm."""
+    if arm_length_m is None:
+        return ""
+    longer_mm = math.ceil(1000 * arm_length_m * needed_m_s / fastest_m_s)
+    models = [
+        name
+        for name, each in SERVO_MODELS.items()
+        if each.no_load_rad_s * arm_length_m >= needed_m_s and each.stall_torque_n_m >= STRONG_N_M
+    ]
+    other = f", or an {' or '.join(models)}" if models else ""
+    return f" (an arm of {longer_mm} mm{other} would do)"
 
 
 def _reach_problem(plan: StrikePlan, limits: RigLimits) -> str:

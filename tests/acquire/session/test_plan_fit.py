@@ -50,7 +50,10 @@ def test_too_fast_and_too_slow_strikes_are_named() -> None:
     said = striker_limit_problem(
         plan(*(strike(f"s{number}") for number in range(1, 7))), limits(arm_length_m=0.1)
     )
-    assert said == "s1, s2, s3, s4 and 2 more may need 0.1 to 0.9 m/s, the striker swings at 0.05 to 0.8 m/s"
+    assert said == (
+        "s1, s2, s3, s4 and 2 more may need 0.1 to 0.9 m/s, the striker swings at 0.05 to 0.8 m/s "
+        "(an arm of 113 mm would do)"
+    )
     assert striker_limit_problem(
         plan(strike("s1", tip_speed_m_s=Range(min=0.05, target=0.2, max=0.3))), limits(arm_length_m=0.12)
     )
