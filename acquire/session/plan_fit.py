@@ -53,7 +53,7 @@ def _speed_problem(plan: StrikePlan, limits: RigLimits) -> str:
 
 
 def _faster_striker(needed_m_s: float, fastest_m_s: float, arm_length_m: float | None) -> str:
-    """Arm and strong servos that reach a tip speed which this striker does not, in words; "" without an arm."""
+    """Arm and strong servos that reach a tip speed which this striker does not, in words; "" without one."""
     if arm_length_m is None:
         return ""
     longer_mm = math.ceil(1000 * arm_length_m * needed_m_s / fastest_m_s)

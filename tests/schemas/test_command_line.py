@@ -97,6 +97,7 @@ def test_no_option_of_either_command_accepts_nan() -> None:
         "time_limit",
         "capture_fps",
         "bed_mm",
+        "countdown_s",
         "infill",
         "turn_sd_deg",
         "place_sd_mm",

@@ -10,7 +10,7 @@ import pytest
 from analyze.planning.impact import StrikerModel
 from analyze.planning.striker_update import Touch, updated_striker
 
-BELIEVED = StrikerModel()
+BELIEVED = StrikerModel(effective_mass_sd_kg=0.05)
 AXES = {"a": (3.0e-4, 0.45, 60.0, 0.09), "b": (5.5e-4, 0.30, 45.0, 0.13), "c": (2.2e-4, 0.70, 75.0, 0.06)}
 """I_edge [kg m^2], phi [rad], k [1/s^2], height [m]"""
 
