@@ -90,6 +90,9 @@ class StrikerConfig(Document):
     )
     id: int = Field(default=1, ge=0, le=252, description="id of the servo on the bus")
     model: ModelName = Field(default="XM430-W210", description="model of the servo")
+    supply_v: float | None = Field(
+        default=None, gt=0, le=30, description="supply voltage of the servo [V]; its nominal one if left out"
+    )
     zero_position: int = Field(default=2048, ge=0, le=4095, description="servo ticks at angle 0")
     direction: Literal[1, -1] = Field(
         default=1, description="sign of the servo's rotation towards the object"
@@ -144,7 +147,9 @@ class StrikerConfig(Document):
         """
         if self.kind == "manual":
             return tip_speeds()
-        fastest_rad_s = min(self.velocity_limit_rad_s, SERVO_MODELS[self.model].no_load_rad_s)
+        model = SERVO_MODELS[self.model]
+        no_load_rad_s = model.no_load_rad_s * (self.supply_v or model.nominal_v) / model.nominal_v
+        fastest_rad_s = min(self.velocity_limit_rad_s, no_load_rad_s)
         return tip_speeds(
             self.arm_length_m, self.cocked_angle_rad, fastest_rad_s, self.swing_acceleration_rad_s2
         )

@@ -34,6 +34,9 @@ RATE_READS = 100
 """readings over which the rate is measured"""
 CONTACT_SD_S = 2.4e-4
 """standard deviation of a contact's time at 1000 readings a second [s]"""
+LEAST_SUPPLY_SHARE = 0.95
+"""share of the rig file's supply voltage below which the servo may not reach a plan's speeds: its speed is
+proportional to the voltage"""
 TEMPERATURE_MARGIN_C = 10
 """required margin [deg C] below the limit at which the servo switches its torque off, so that no session ends
 that way"""
@@ -138,7 +141,7 @@ def check_servo(read: ReadServo, config: StrikerConfig) -> list[Check]:
         _model(config, state),
         _memory(state),
         _rate(state),
-        _supply(state),
+        _supply(config, state),
         _temperature(config, state),
         _health(state),
         _calibration(config),
@@ -175,7 +178,7 @@ def check_held_servo(
         int(health["temperature_c"]),
         health["hardware_error"] and str(health["hardware_error"]),
     )
-    return [first, _supply(known), _temperature(config, known), _health(known), _calibration(config)]
+    return [first, _supply(config, known), _temperature(config, known), _health(known), _calibration(config)]
 
 
 def _not_read(first: Check, reason: str) -> list[Check]:
@@ -241,13 +244,20 @@ def _calibration(config: StrikerConfig) -> Check:
     )
 
 
-def _supply(state: ServoState) -> Check:
+def _supply(config: StrikerConfig, state: ServoState) -> Check:
     model = SERVO_MODELS[state.model]
     low_v, high_v = model.supply_v
     found = f"{state.voltage_v:.1f} V ({low_v:g} to {high_v:g} V)"
     if state.voltage_v < low_v:
         remedy = f"use a supply of {model.nominal_v:g} V and 3 A or more; check that the cut-off switch is on"
         return failed_check("servo supply", found, remedy, Measured(state.voltage_v, low_v, "V"))
+    counted_v = config.supply_v or model.nominal_v
+    if state.voltage_v < LEAST_SUPPLY_SHARE * counted_v:
+        found = f"{state.voltage_v:.1f} V, but plans count on {counted_v:g} V"
+        remedy = (
+            f"raise it, or write supply_v = {state.voltage_v:.1f} in the rig file's [striker] and plan again"
+        )
+        return failed_check("servo supply", found, remedy, Measured(state.voltage_v, counted_v, "V"))
     measured = Measured(state.voltage_v, high_v, "V")
     if state.voltage_v > high_v:
         return failed_check("servo supply", found, f"use a supply of {model.nominal_v:g} V", measured)

@@ -144,6 +144,7 @@ def test_the_servo(bench: Bench) -> None:
     for state, line in [
         (replace(good, voltage_v=5.0), "servo supply"),
         (replace(good, voltage_v=16.0), "servo supply"),
+        (replace(good, voltage_v=11.0), "servo supply"),
         (replace(good, temperature_c=66), "servo temperature"),
         (replace(good, hardware_error="hardware error status 32: overload"), "servo health"),
         (replace(good, dangers=("Drive Mode 4",)), "servo memory"),

@@ -80,6 +80,8 @@ def test_every_model_strikes(tmp_path: Path, heard: Heard, model: ModelName) -> 
 def test_a_slow_model_allows_slow_strikes_only(tmp_path: Path) -> None:
     with Plant(tmp_path, model="XM430-W350") as plant:
         assert plant.config().tip_speeds().fastest_m_s == pytest.approx(0.578, abs=0.001)
+        weak = plant.config(supply_v=11.1).tip_speeds()
+        assert weak.fastest_m_s == pytest.approx(0.578 * 11.1 / 12, abs=0.001)
 
 
 def test_another_model_than_in_the_rig_file_is_refused(tmp_path: Path, heard: Heard) -> None:
