@@ -61,8 +61,9 @@ class RigLimits:
     def from_config(cls, config: RigConfig) -> RigLimits:
         """Limits of tip speed and impact height, and the camera's pose, from a rig file's content."""
         striker, pose = config.striker, config.camera.calibration.T_world_camera
-        by_hand = striker.kind == "manual"
-        return cls(None if by_hand else striker.tip_speeds(), None if by_hand else striker.reach_m, pose)
+        if not striker.traits.has_limits:
+            return cls(None, None, pose)
+        return cls(striker.tip_speeds(), striker.reach_m, pose)
 
     def as_dict(self) -> dict[str, Any]:
         """Tip speeds, impact heights and camera pose as a JSON object: the answer to a request `rig`.

@@ -96,11 +96,8 @@ def check_servo(read: ReadServo, config: StrikerConfig) -> list[Check]:
 
     Returns:
         Four checks: answer and model, supply voltage, temperature, hardware error. If the servo does not
-        answer, the first fails and the others are not made. If a person strikes by hand, a single check that
-        passes.
+        answer, the first fails and the others are not made.
     """
-    if config.kind == "manual":
-        return [passed_check("servo", "none: a person strikes by hand")]
     try:
         state = read(config)
     except StrikerError as error:
@@ -122,11 +119,8 @@ def check_held_servo(
 
     Returns:
         Four checks: state of the striker (in place of the servo's answer), supply voltage, temperature,
-        hardware error; only the first is made without a reading. If a person strikes by hand, a single check
-        that passes.
+        hardware error; only the first is made without a reading.
     """
-    if config.kind == "manual":
-        return [passed_check("servo", "none: a person strikes by hand")]
     first = passed_check("servo", f"held by the daemon, {state}")
     if state == "fault":
         remedy = "correct the fault; the next session homes the striker"

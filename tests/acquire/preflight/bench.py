@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from acquire.preflight.board import BoardFacts
 from acquire.preflight.check import Check, Outcome
 from acquire.preflight.computer import FolderState, PortState, ReceiveBuffer, Route
 from acquire.preflight.read_video import VideoContent
@@ -127,6 +128,7 @@ class Bench:
     computer: FakeComputer = field(default_factory=FakeComputer)
     disk: FakeDisk = field(default_factory=FakeDisk)
     servo: ServoState | Exception = field(default_factory=lambda: ServoState(1030, 12.1, 33, None))
+    board: BoardFacts | Exception = field(default_factory=lambda: BoardFacts("demo", "contact time", 1.2))
     source: FakeVideoSource = field(default_factory=FakeVideoSource)
     status: dict | Exception | None = None
 
@@ -142,9 +144,13 @@ class Bench:
                 raise self.servo
             return self.servo
 
-        found = list(
-            check_rig(self.rig_path, Probes(self.computer, self.disk, servo, lambda _: self.source, daemon))
-        )
+        def board(_: object) -> BoardFacts:
+            if isinstance(self.board, Exception):
+                raise self.board
+            return self.board
+
+        probes = Probes(self.computer, self.disk, servo, board, lambda _: self.source, daemon)
+        found = list(check_rig(self.rig_path, probes))
         names = [line.name for line in found]
         assert len(names) == len(set(names))
         assert set(names) <= set(LINES)
