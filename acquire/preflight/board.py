@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from acquire.clock.clock import Clock
     from schemas.rig import StrikerConfig
 
+BOARD_LINE = "striker board"
+"""name of the board's check, which is made in place of those of a servo"""
 MAX_ROUND_TRIP_MS = 5.0
 """longest time for a reading of the board's clock [ms]: half of it is the error of a contact time"""
 READINGS = 16
@@ -77,7 +79,7 @@ def check_board(read: ReadBoard, config: StrikerConfig) -> Check:
     try:
         facts = read(config)
     except StrikerError as error:
-        return failed_by_error("striker board", error)
+        return failed_by_error(BOARD_LINE, error)
     limits = config.tip_speeds()
     found = (
         f"{facts.name}, {limits.slowest_m_s:g} to {limits.fastest_m_s:g} m/s, measures {facts.measures}; its "
@@ -86,8 +88,8 @@ def check_board(read: ReadBoard, config: StrikerConfig) -> Check:
     measured = Measured(facts.round_trip_ms, MAX_ROUND_TRIP_MS, "ms")
     if facts.round_trip_ms > MAX_ROUND_TRIP_MS:
         remedy = f"set the adapter's latency timer to 1 ms (at most {MAX_ROUND_TRIP_MS:g} ms)"
-        return failed_check("striker board", found, remedy, measured)
-    return passed_check("striker board", found, measured)
+        return failed_check(BOARD_LINE, found, remedy, measured)
+    return passed_check(BOARD_LINE, found, measured)
 
 
 def check_held_board(state: str, trouble: str = "") -> Check:
@@ -99,5 +101,5 @@ def check_held_board(state: str, trouble: str = "") -> Check:
     """
     if state == "fault":
         remedy = "correct the fault; the next session homes the striker"
-        return failed_check("striker board", f"the daemon's striker is in a fault: {trouble}", remedy)
-    return passed_check("striker board", f"held by the daemon, {state}")
+        return failed_check(BOARD_LINE, f"the daemon's striker is in a fault: {trouble}", remedy)
+    return passed_check(BOARD_LINE, f"held by the daemon, {state}")

@@ -45,10 +45,9 @@ LINES = (
     "disk space",
     "disk speed",
     *SERVO_LINES,
-    "striker board",
     *CAMERA_LINES,
 )
-"""names of all checks, in order"""
+"""names of all checks of a rig with a servo, in order"""
 
 
 @dataclass(frozen=True)

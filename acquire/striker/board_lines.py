@@ -168,7 +168,10 @@ def _status(name: str, words: list[str]) -> BoardStatus | None:
         valid = len(words) == 1 and _NAME.fullmatch(words[0])
         return BoardStatus(state, reason=words[0]) if valid else None
     numbers = _numbers(words, (MAX_MICROSECONDS, 999, MAX_MICROSECONDS, 99_999, 99_999))
-    return None if state is None or numbers is None else BoardStatus(state, *numbers)
+    if state is None or numbers is None:
+        return None
+    fired_us, contacts, contact_us, speed, speed_sd = numbers
+    return BoardStatus(state, fired_us, contacts, contact_us, speed, speed_sd)
 
 
 def _numbers(words: list[str], largest: tuple[int, ...]) -> list[int] | None:

@@ -8,13 +8,14 @@ protocol is in docs/reference/striker-protocol.md.
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 import time
 from typing import TYPE_CHECKING, Any
 
 from acquire.errors import StrikerError, StrikerFault, StrikerLost, StrikerRefused, StrikerStopped
 from acquire.striker.base import ClockSink, EventSink, SampleSink, StrikeOutcome, Striker, StrikerState
-from acquire.striker.board_clock import BoardClock, host_time
+from acquire.striker.board_clock import BoardClock
 from acquire.striker.board_lines import BoardIdentity, BoardState
 from acquire.striker.board_link import BoardLink
 from acquire.striker.board_outcome import board_outcome, wait_for_contacts
@@ -247,15 +248,16 @@ class SerialStriker(Striker):
         if self._stop_requested:
             raise StrikerStopped
         self._enter(StrikerState.RELEASED)
+        before_ns = self._clock.monotonic_ns()
         status = self._link.fire(speed_mm_s)
+        after_ns = self._clock.monotonic_ns()
         if status.state in {BoardState.ARMED, BoardState.LOADING}:
             raise StrikerLost(f"{self._config.port}: the order to fire was lost; check the board's cable")
         refuse_fault(self._config.port, status)
         if self._stop_requested:
             raise StrikerStopped
-        fired = host_time(self._board_clock.device_time_ns(status.fired_us), readings)
-        fired_ns, fired_sd_ns = fired if fired is not None else (self._clock.monotonic_ns(), 0.0)
-        self._emit(_Event.RELEASED, host_time_ns=fired_ns, time_sd_ns=fired_sd_ns)
+        fired_ns = (before_ns + after_ns) // 2
+        self._emit(_Event.RELEASED, host_time_ns=fired_ns, time_sd_ns=(after_ns - before_ns) / math.sqrt(12))
         status = wait_for_contacts(self._link, self._clock, lambda: self._stop_requested)
         readings += self._read_clock()
         refuse_fault(self._config.port, self._link.status("stop"))

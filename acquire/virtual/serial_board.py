@@ -71,7 +71,7 @@ class SerialBoard:
         link_path: Path,
         seed: int = 0,
     ) -> None:
-        self._plant, self._inertia = plant, inertia_kg_m2
+        self._plant, self._inertia, self._clock_ns = plant, inertia_kg_m2, clock_ns
         self._random = random.Random(seed)  # noqa: S311 - noise, not a secret
         self._motion, self._target_rad_s, self._fired_ns = _Motion.HELD, 0.0, 0
         self._time_ns = clock_ns()
@@ -110,12 +110,13 @@ class SerialBoard:
         """Read received requests, carry them out and send the replies. Never blocks.
 
         Args:
-            now_ns: host monotonic time [ns].
+            now_ns: host monotonic time of the call [ns]; requests that arrive during it are later.
         """
         self._time_ns = now_ns
         with contextlib.suppress(BlockingIOError):
             while data := os.read(self.fd, 4096):
-                if replies := self.firmware.receive(data, now_ns):
+                self._time_ns = self._clock_ns()
+                if replies := self.firmware.receive(data, self._time_ns):
                     os.write(self.fd, replies)
 
     def torque(self, position_rad: float, velocity_rad_s: float, now_ns: int) -> float:

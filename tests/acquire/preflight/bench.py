@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from acquire.preflight.board import BoardFacts
+from acquire.preflight.board import BOARD_LINE, BoardFacts
 from acquire.preflight.check import Check, Outcome
 from acquire.preflight.computer import FolderState, PortState, ReceiveBuffer, Route
 from acquire.preflight.read_video import VideoContent
@@ -153,7 +153,7 @@ class Bench:
         found = list(check_rig(self.rig_path, probes))
         names = [line.name for line in found]
         assert len(names) == len(set(names))
-        assert set(names) <= set(LINES)
+        assert set(names) <= {*LINES, BOARD_LINE}
         for line in found:
             assert "\n" not in line.found + line.remedy
             if line.outcome is Outcome.FAIL:
