@@ -193,27 +193,15 @@ def session(
 @click.option("--force", is_flag=True, help="Replace the output if it exists.")
 @click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")
 @_one_line_errors
-def demo(
-    object_name: str,
-    truth: Path | None,
-    seed: int,
-    address: str | None,
-    output: Path,
-    force: bool,
-    as_json: bool,
-    **plan_options: Any,
-) -> None:
+def demo(output: Path, force: bool, as_json: bool, **options: Any) -> None:
     """Run a whole session on the virtual rig: real GigE Vision, real Dynamixel protocol, no hardware."""
     from acquire.console.session import SessionProgress
     from acquire.demo import DemoPlan, fresh_output, replaced_output, run_demo
-    from acquire.virtual.devices import DeviceOptions
-    from acquire.virtual.gige_sockets import free_address
 
-    refuse_truth_of_ours(object_name, truth)
+    devices = _device_options(options)
     place = replaced_output(output) if force else fresh_output(output)
-    devices = DeviceOptions(object_name, seed, address or free_address(), truth)
-    target = target_of(plan_options.pop("until"), plan_options.pop("max_strikes"))
-    plan = DemoPlan(**plan_options, target=target)
+    target = target_of(options.pop("until"), options.pop("max_strikes"))
+    plan = DemoPlan(**options, target=target)
     with SessionProgress() as progress:
         report = run_demo(devices, place, plan=plan, progress=progress)
     _print_session(report, as_json)
@@ -230,22 +218,18 @@ def demo(
     help="Folder for the rig file.",
 )
 @_one_line_errors
-def virtual(object_name: str, truth: Path | None, seed: int, address: str | None, folder: Path) -> None:
+def virtual(folder: Path, **options: Any) -> None:
     """Run a virtual camera and striker, to rehearse `check`, `run`, `session` and `stop` without hardware.
 
     Prints the commands to use and ends on Ctrl-C.
     """
-    from acquire.virtual.devices import DeviceOptions
-    from acquire.virtual.gige_sockets import free_address
     from acquire.virtual.rehearsal import rehearse
-
-    refuse_truth_of_ours(object_name, truth)
 
     def show(line: str) -> None:
         echo(line)
         sys.stdout.flush()
 
-    rehearse(DeviceOptions(object_name, seed, address or free_address(), truth), folder, show)
+    rehearse(_device_options(options), folder, show)
 
 
 @main.command()
@@ -364,6 +348,22 @@ def _end_as_on_ctrl_c() -> None:
     """Let SIGTERM and SIGHUP raise KeyboardInterrupt, so that the program cleans up as on Ctrl-C."""
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)
+
+
+def _device_options(options: dict[str, Any]) -> Any:
+    """Choice of a virtual rig; its options are removed from those of the command."""
+    from acquire.virtual.devices import DeviceOptions
+    from acquire.virtual.gige_sockets import free_address
+
+    given = {name: options.pop(name) for name in ("object_name", "seed", "address", "truth", "striker")}
+    refuse_truth_of_ours(given["object_name"], given["truth"])
+    return DeviceOptions(
+        given["object_name"],
+        given["seed"],
+        given["address"] or free_address(),
+        given["truth"],
+        given["striker"],
+    )
 
 
 def _socket(rig: Path | None) -> Path:

@@ -63,10 +63,10 @@ class RigLimits:
     def from_config(cls, config: RigConfig) -> RigLimits:
         """Limits of tip speed and impact height, and the camera's pose, from a rig file's content."""
         striker, pose = config.striker, config.camera.calibration.T_world_camera
-        by_hand = striker.kind == "manual"
-        if by_hand:
+        if not striker.traits.has_limits:
             return cls(None, None, pose)
-        return cls(striker.tip_speeds(), striker.reach_m, pose, striker.arm_length_m)
+        arm_m = striker.arm_length_m if striker.traits.has_servo else None
+        return cls(striker.tip_speeds(), striker.reach_m, pose, arm_m)
 
     def as_dict(self) -> dict[str, Any]:
         """Tip speeds, impact heights and camera pose as a JSON object: the answer to a request `rig`.

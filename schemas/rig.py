@@ -15,6 +15,7 @@ from schemas.document import Document
 from schemas.rig_limits import ARM_LENGTH_M, COCKED_ANGLE_RAD, VELOCITY_LIMIT_RAD_S, TipSpeeds, tip_speeds
 from schemas.servo_models import SERVO_MODELS, ModelName
 from schemas.session_manifest import CameraCalibrationSpec, LevelReading
+from schemas.striker_kind import STRIKER_KINDS, KindName, StrikerKind
 
 MAX_SENSOR_PX = 100_000
 """Largest width and height of a sensor [px]."""
@@ -22,6 +23,8 @@ SWING_SHARE = 0.6
 """Share of an arm's full acceleration that a swing uses: the rest holds it on the ordered motion."""
 MAX_WAIT_S = 3600.0
 """Longest wait and longest window [s]."""
+MAX_TIP_SPEED_M_S = 10.0
+"""Largest tip speed that a rig file can state [m/s]."""
 MAX_BYTES = 1 << 50
 """Largest size of a file or disk reserve [bytes]."""
 
@@ -77,16 +80,26 @@ class CameraConfig(Document):
 
 
 class StrikerConfig(Document):
-    """Striker: a Dynamixel servo that swings an arm, or a person who strikes by hand (`kind` manual).
+    """Striker: a Dynamixel servo that swings an arm, a board that fires one (serial), or a person (manual).
 
     At angle 0 the arm hangs vertically, with its tip at the impact point; a positive angle is towards the
     object.
     """
 
-    kind: Literal["dynamixel", "manual"] = "dynamixel"
-    port: str = Field(default="/dev/ttyUSB0", description="serial port of the servo bus")
+    kind: KindName = "dynamixel"
+    port: str = Field(default="/dev/ttyUSB0", description="serial port of the servo bus or board")
     baud_rate: int = Field(
-        default=1_000_000, ge=1200, le=100_000_000, description="bits per second on the bus"
+        default=1_000_000, ge=1200, le=100_000_000, description="bits per second on the port"
+    )
+    speed_range_m_s: tuple[float, float] | None = Field(
+        default=None,
+        description="serial: slowest and fastest tip speed [m/s], within those that the board reports",
+    )
+    contact_sd_s: float = Field(
+        default=0.0005,
+        ge=0,
+        le=1,
+        description="serial: 1 sigma of the time from first touch to the contact sensor's signal [s]",
     )
     id: int = Field(default=1, ge=0, le=252, description="id of the servo on the bus")
     model: ModelName = Field(default="XM430-W210", description="model of the servo")
@@ -140,13 +153,41 @@ class StrikerConfig(Document):
             raise ValueError(f"reach_m = [{low:g}, {high:g}] must be two increasing heights in metres")
         return value
 
+    @field_validator("speed_range_m_s")
+    @classmethod
+    def _is_range(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+        if value is not None and not 0 < value[0] <= value[1] <= MAX_TIP_SPEED_M_S:
+            low, high = value
+            raise ValueError(
+                f"speed_range_m_s = [{low:g}, {high:g}] must be the slowest and the fastest tip speed, "
+                f"above 0 and at most {MAX_TIP_SPEED_M_S:g} m/s"
+            )
+        return value
+
+    @model_validator(mode="after")
+    def _states_its_speeds(self) -> StrikerConfig:
+        if self.traits.states_speeds and self.speed_range_m_s is None:
+            raise ValueError(
+                f'kind = "{self.kind}" needs speed_range_m_s, the slowest and the fastest tip speed [m/s]: '
+                "add for example speed_range_m_s = [0.1, 0.6]"
+            )
+        return self
+
+    @property
+    def traits(self) -> StrikerKind:
+        """Properties that follow from the kind of striker: port, servo, limits."""
+        return STRIKER_KINDS[self.kind]
+
     def tip_speeds(self) -> TipSpeeds:
         """Range of tip speeds [m/s] that a strike can use.
 
-        For strikes by hand it is that of an arm with default length, cocked (raised) angle and speed limit.
+        That is the range in the rig file, for kinds that state one; otherwise that of the arm. For strikes by
+        hand it is that of an arm with default length, cocked (raised) angle and speed limit.
         """
-        if self.kind == "manual":
+        if not self.traits.has_limits:
             return tip_speeds()
+        if self.traits.states_speeds and self.speed_range_m_s is not None:
+            return TipSpeeds(*self.speed_range_m_s)
         model = SERVO_MODELS[self.model]
         no_load_rad_s = model.no_load_rad_s * (self.supply_v or model.nominal_v) / model.nominal_v
         fastest_rad_s = min(self.velocity_limit_rad_s, no_load_rad_s)

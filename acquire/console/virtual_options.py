@@ -1,4 +1,4 @@
-"""Options of the commands that start a virtual rig: object, truth file, seed, camera address."""
+"""Options of the commands that start a virtual rig: object, truth file, seed, camera address, striker."""
 
 from __future__ import annotations
 
@@ -32,8 +32,15 @@ class _ObjectName(click.ParamType):
 
 
 def virtual_options(command: Any) -> Any:
-    """Decorator that adds the options of a virtual rig: object, truth file, seed, camera address."""
+    """Decorator that adds the options of a virtual rig: object, truth file, seed, camera address, striker."""
     for option in (
+        click.option(
+            "--striker",
+            default="dynamixel",
+            show_default=True,
+            type=click.Choice(["dynamixel", "serial"]),
+            help="What strikes: a servo, or a microcontroller on a serial port.",
+        ),
         click.option(
             "--address",
             help="Loopback address of the virtual camera; one per rig.  [default: the first free one from "

@@ -32,8 +32,7 @@ from acquire.daemon.session_board import SessionBoard
 from acquire.daemon.striker_control import StrikerControl
 from acquire.errors import AcquireError, SessionError
 from acquire.striker.base import Striker
-from acquire.striker.dynamixel import DynamixelStriker
-from acquire.striker.manual import ManualStriker
+from acquire.striker.kinds import make_striker
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
 from schemas.rig import RigConfig
@@ -128,8 +127,7 @@ class Daemon:
     # --- composition ---
 
     def _make_striker(self) -> Striker:
-        striker = ManualStriker if self._config.striker.kind == "manual" else DynamixelStriker
-        return striker(
+        return make_striker(
             self._config.striker,
             lambda sample: self._write_timed(topics.STRIKER_SAMPLE, sample),
             self._on_event,

@@ -20,6 +20,7 @@ GROUPS = {
     "serial port": "computer",
     "receive buffer": "computer",
     "servo": "servo",
+    "striker board": "striker",
     "camera": "camera",
     "light": "scene",
 }

@@ -127,11 +127,8 @@ def check_servo(read: ReadServo, config: StrikerConfig) -> list[Check]:
         config: the rig file's settings of the striker.
 
     Returns:
-        The checks SERVO_LINES. If the servo does not answer, the first fails and the others are not made. If
-        a person strikes by hand, a single check that passes.
+        The checks SERVO_LINES. If the servo does not answer, the first fails and the others are not made.
     """
-    if config.kind == "manual":
-        return [passed_check("servo", "none: a person strikes by hand")]
     try:
         state = read(config)
     except StrikerError as error:
@@ -161,11 +158,9 @@ def check_held_servo(
 
     Returns:
         State of the striker (in place of the servo's answer), supply voltage, temperature, hardware error and
-        calibration; only the first is made without a reading. If a person strikes by hand, a single check
-        that passes. The daemon cleared the servo's memory when it began.
+        calibration; only the first is made without a reading. The daemon cleared the servo's memory when it
+        began.
     """
-    if config.kind == "manual":
-        return [passed_check("servo", "none: a person strikes by hand")]
     first = passed_check("servo", f"held by the daemon, {state}")
     if state == "fault":
         remedy = "correct the fault; the next session homes the striker"

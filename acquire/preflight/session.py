@@ -14,6 +14,7 @@ from acquire.clock.clock import Clock, SystemClock
 from acquire.config import read_rig
 from acquire.daemon.client import DaemonClient
 from acquire.errors import AcquireError, ConfigError, DaemonNotRunning
+from acquire.preflight.board import ReadBoard, check_board, check_held_board, read_board
 from acquire.preflight.camera import CAMERA_LINES, check_camera
 from acquire.preflight.check import Check, failed_by_error, failed_check, passed_check, skipped_check
 from acquire.preflight.computer import (
@@ -28,7 +29,7 @@ from acquire.preflight.computer import (
 from acquire.preflight.disk import Disk, check_disk
 from acquire.preflight.servo import SERVO_LINES, ReadServo, check_held_servo, check_servo, read_servo
 from acquire.preflight.video import DaemonCapture, OwnCapture, VideoSource
-from schemas.rig import RigConfig
+from schemas.rig import RigConfig, StrikerConfig
 from schemas.wording import counted
 
 LINES = (
@@ -46,7 +47,7 @@ LINES = (
     *SERVO_LINES,
     *CAMERA_LINES,
 )
-"""names of all checks, in order"""
+"""names of all checks of a rig with a servo, in order"""
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,8 @@ class Probes:
     disk: Disk
     servo: ReadServo
     """function that reads the servo"""
+    board: ReadBoard
+    """function that reads the striker board"""
     capture: Callable[[RigConfig], VideoSource]
     """function that returns the rig's camera, for use without a daemon"""
     daemon: Callable[[RigConfig], contextlib.AbstractContextManager[RunningDaemon | None]]
@@ -103,6 +106,7 @@ def real_probes(clock: Clock | None = None) -> Probes:
         computer=Computer(),
         disk=Disk(clock.monotonic_ns),
         servo=lambda config: read_servo(config, clock),
+        board=lambda config: read_board(config, clock),
         capture=lambda rig: OwnCapture(rig, clock),
         daemon=daemon,
     )
@@ -139,12 +143,10 @@ def check_rig(path: Path, probes: Probes) -> Iterator[Check]:
         yield from _check_connections(probes.computer, rig, daemon)
         yield from check_disk(probes.disk, rig)
         if daemon is None:
-            yield from check_servo(probes.servo, rig.striker)
+            yield from _check_striker(probes, rig.striker)
             yield from check_camera(probes.capture(rig), rig.camera, _video_folder(rig))
         else:
-            status = daemon.status
-            trouble = str(status.get("striker_trouble", ""))
-            yield from check_held_servo(rig.striker, str(status["striker"]), status.get("servo"), trouble)
+            yield from _check_held_striker(daemon.status, rig.striker)
             yield from _check_held_camera(daemon, rig)
 
 
@@ -164,13 +166,34 @@ def _check_daemon(rig: RigConfig, daemon: RunningDaemon | None) -> Check:
 
 def _check_connections(computer: Computer, rig: RigConfig, daemon: RunningDaemon | None) -> Iterator[Check]:
     striker, camera = rig.striker, rig.camera
-    if striker.kind == "dynamixel":
+    if striker.traits.has_port:
         port = computer.port(striker.port)
         yield check_port(port, striker.port)
         yield check_lock(port, striker.port, None if daemon is None else int(daemon.status["pid"]))
         yield check_latency_timer(computer, port, striker.port)
     yield check_receive_buffer(computer, camera.receive_buffer_bytes)
     yield check_packet_size(computer, camera.address, camera.packet_size)
+
+
+def _check_striker(probes: Probes, striker: StrikerConfig) -> Iterator[Check]:
+    """Yield the checks of a striker that no daemon holds, whatever its kind."""
+    if striker.traits.has_servo:
+        yield from check_servo(probes.servo, striker)
+    elif striker.traits.has_port:
+        yield check_board(probes.board, striker)
+    else:
+        yield passed_check("servo", f"none: the striker is {striker.traits.description}")
+
+
+def _check_held_striker(status: dict[str, Any], striker: StrikerConfig) -> Iterator[Check]:
+    """Yield the checks of a striker that the daemon with this status holds, whatever its kind."""
+    state, trouble = str(status["striker"]), str(status.get("striker_trouble", ""))
+    if striker.traits.has_servo:
+        yield from check_held_servo(striker, state, status.get("servo"), trouble)
+    elif striker.traits.has_port:
+        yield check_held_board(state, trouble)
+    else:
+        yield passed_check("servo", f"none: the striker is {striker.traits.description}")
 
 
 def check_level(rig: RigConfig) -> Check:

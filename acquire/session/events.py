@@ -63,8 +63,8 @@ class Struck(Event):
     """time of first contact as the striker measured it [ns]; None if it measured none"""
     contact_time_sd_ns: float
     """standard deviation of the contact time [ns]"""
-    tip_speed_m_s: float
-    """tip speed just before contact [m/s]; 0 if it was not measured"""
+    tip_speed_m_s: float | None
+    """tip speed just before contact [m/s]; 0 if the striker met nothing; None if it was not measured"""
     contacts: int
     """number of contacts that may have occurred"""
 

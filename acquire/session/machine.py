@@ -334,7 +334,7 @@ class SessionMachine:
             energy = verdict.energy_ratio
             low, high = ENERGY_ACCEPTED
             good = verdict.code is Verdict.GOOD and (energy is None or low <= energy <= high)
-        missed = struck.tip_speed_m_s <= 0 and (verdict is None or verdict.code is Verdict.NOT_MOVED)
+        missed = struck.tip_speed_m_s == 0 and (verdict is None or verdict.code is Verdict.NOT_MOVED)
         if not missed:
             self.learner.learn(self.strike, self._command, struck.tip_speed_m_s or None, verdict)
         if self.order is not None:

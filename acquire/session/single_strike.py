@@ -105,13 +105,15 @@ def outcome_lines(outcome: StrikeOutcome, command_m_s: float) -> list[str]:
         (outcome.contact_time_ns - outcome.released_ns) * 1e-6,
         outcome.contact_time_sd_ns * 1e-6,
     )
-    impulse = "no significant loss of speed"
+    impulse = "none measured"
     if outcome.impulse_n_s is not None:
         impulse = f"{1000 * outcome.impulse_n_s:.2f} ± {1000 * outcome.impulse_sd_n_s:.2f} mN s"
     touches = f"{outcome.contacts}"
     if outcome.contacts > 1:
         touches += ": the arm hit the object again: strike more softly, or leave more room behind the object"
-    speed = f"{outcome.tip_speed_m_s:.4f} ± {outcome.tip_speed_sd_m_s:.4f} m/s"
+    speed = "not measured"
+    if outcome.tip_speed_m_s is not None:
+        speed = f"{outcome.tip_speed_m_s:.4f} ± {outcome.tip_speed_sd_m_s:.4f} m/s"
     return [
         f"contact      {begin_ms:.2f} ± {sd_ms:.2f} ms after release, {outcome.contact_time_ns} ns monotonic",
         f"tip speed    {speed} (commanded {command_m_s:.3f})",
@@ -172,13 +174,16 @@ def calibrate(
         Commanded and reached tip speed, and loss of speed at contact, of each swing, in the order made.
 
     Raises:
-        StrikerRefused: a person strikes by hand at this rig, or the answer was no.
+        StrikerRefused: the rig's striker has no encoder, or the answer was no.
         StrikerError: the striker failed or was stopped.
         SessionError: a session is running, or the arm did not complete a swing.
         ConfigError: the daemon runs another rig.
     """
-    if rig.striker.kind != "dynamixel":
-        raise StrikerRefused("at this rig a person strikes by hand: there is no striker to calibrate")
+    if not rig.striker.traits.has_servo:
+        raise StrikerRefused(
+            f"the striker of this rig is {rig.striker.traits.description}: without an encoder it cannot be "
+            "calibrated; enter effective_mass_kg and restitution by hand: sessions learn them"
+        )
     running = client.call("status")["rig"]
     if running != rig.name:
         raise ConfigError(
@@ -250,7 +255,8 @@ def _measured_swing(
         mass, mass_sd = rig.striker.effective_mass_kg, rig.striker.effective_mass_sd_kg
         drop = outcome.impulse_n_s / mass
         drop_sd = max(outcome.impulse_sd_n_s**2 - (mass_sd * drop) ** 2, 0.0) ** 0.5 / mass
-    return MeasuredSwing(command_m_s, outcome.tip_speed_m_s, outcome.tip_speed_sd_m_s, drop, drop_sd, body_kg)
+    speed, speed_sd = outcome.tip_speed_m_s or 0.0, outcome.tip_speed_sd_m_s
+    return MeasuredSwing(command_m_s, speed, speed_sd, drop, drop_sd, body_kg)
 
 
 def striker_entries(numbers: StrikerParameters) -> dict[str, str]:

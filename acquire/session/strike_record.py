@@ -25,7 +25,7 @@ def strike_record(action: WriteRecord, anchor_ns: int) -> dict[str, Any]:
         "contact_time_ns": contact_ns,
         "contact_time_sd_ns": contact_sd_ns,
         "tip_speed_command_m_s": action.tip_speed_command_m_s,
-        "tip_speed_m_s": action.struck.tip_speed_m_s,
+        "tip_speed_m_s": action.struck.tip_speed_m_s or 0.0,
         "R_world_object": [value for row in action.strike.R_world_object for value in row],
         "p_world_object": action.strike.p_world_object,
         "impact_height_m": action.strike.aim.impact_height_m,

@@ -1,7 +1,7 @@
 """Interface of a striker: home, arm, cock, strike once, stop.
 
 Arm angle 0 is vertical, at the impact point; positive towards the object. The daemon chooses the class by
-the rig file's `striker.kind` (acquire/daemon/daemon.py).
+the rig file's `striker.kind` (acquire/striker/kinds.py).
 """
 
 from __future__ import annotations
@@ -41,18 +41,18 @@ class StrikerState(enum.Enum):
 class StrikeOutcome:
     """Measurements of one strike: contact time [ns], tip speed [m/s], impulse [N s], number of contacts.
 
-    The tip speed is that just before contact. Contact time (host monotonic) and impulse are None if the
-    striker did not measure them. Time, speed and impulse have standard deviations.
+    The tip speed is that just before contact. Contact time (host monotonic), speed and impulse are None if
+    the striker did not measure them. Time, speed and impulse have standard deviations.
     """
 
     contact_time_ns: int | None
     """host monotonic time of first contact [ns]; None if no contact was measured"""
     contact_time_sd_ns: float
     """standard deviation of the contact time [ns]; 0 if no contact was measured"""
-    tip_speed_m_s: float
-    """tip speed just before contact [m/s]; 0 after a miss; the requested one if a person strikes by hand"""
+    tip_speed_m_s: float | None
+    """tip speed just before contact [m/s]; 0 after a miss; None if the striker does not measure it"""
     tip_speed_sd_m_s: float
-    """standard deviation of the tip speed [m/s]; 0 after a miss; the requested speed if a person strikes"""
+    """standard deviation of the tip speed [m/s]; 0 after a miss, or if it was not measured"""
     impulse_n_s: float | None
     """impulse on the object [N s]; None if no contact or no significant loss of speed was measured"""
     impulse_sd_n_s: float
@@ -61,6 +61,11 @@ class StrikeOutcome:
     """number of contacts that may have occurred; 0 if no contact was measured"""
     released_ns: int
     """host monotonic time [ns] at which the swing, or the wait for the person's strike, began"""
+
+    @property
+    def missed(self) -> bool:
+        """True if the striker found that it met nothing; False also if it cannot find that out."""
+        return self.contact_time_ns is None and self.tip_speed_m_s == 0
 
 
 @dataclass(frozen=True)

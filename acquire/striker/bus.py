@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import select
 import termios
 import threading
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from dynamixel_sdk import COMM_SUCCESS
 
 from acquire.errors import StrikerError, StrikerLost, StrikerNotFound, StrikerRefused
 from acquire.striker.packets import ALERT, POLL_S, BlockingPort, StrictPacketHandler, never
+from acquire.striker.port_problem import port_problem
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -121,7 +120,7 @@ class ServoBus:
                     f"{self.port}: {self.baud_rate} bit/s is not a baud rate of this servo; try 1000000"
                 )
         except (OSError, termios.error, ValueError) as error:  # serial.SerialException is an OSError
-            raise StrikerNotFound(f"{self.port}: {self._open_problem(error)}") from None
+            raise StrikerNotFound(f"{self.port}: {port_problem(self.port, error)}") from None
         self._port = port
         for _ in range(MIN_ATTEMPTS):
             try:
@@ -136,15 +135,6 @@ class ServoBus:
             f"{self.port}: no servo with id {self.servo_id} answers at {self.baud_rate} bit/s; "
             "check its power, and `id` and `baud_rate` in the rig file"
         )
-
-    def _open_problem(self, error: Exception) -> str:
-        number = getattr(error, "errno", None)
-        if number in {errno.EAGAIN, errno.EWOULDBLOCK, errno.EBUSY}:
-            return f"the port is in use by another program; `fuser {self.port}` names it"
-        if number == errno.EACCES:
-            return "no permission to open the port; add yourself to its group (dialout)"
-        problem = "is not a serial port" if Path(self.port).exists() else "no such serial port"
-        return f"{problem}; check the cable, and `port` in the rig file"
 
     def close(self) -> None:
         """Release the port; do nothing if it is closed. Never raises for a port that failed."""

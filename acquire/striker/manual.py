@@ -85,15 +85,14 @@ class ManualStriker(Striker):
         self._enter(StrikerState.COCKING)
         self._enter(StrikerState.SETTLED, _Event.COCKED)
 
-    def strike(self, strike_id: str, tip_speed_m_s: float) -> StrikeOutcome:
+    def strike(self, strike_id: str, tip_speed_m_s: float) -> StrikeOutcome:  # noqa: ARG002 - see below
         """Wait 5 s while the person strikes, then disarm; return the outcome, in which nothing is measured.
 
-        Contact time and impulse in the outcome are None, the number of contacts is 0, and the tip speed is
-        the requested one with itself as standard deviation.
+        Contact time, tip speed and impulse in the outcome are None, the number of contacts is 0.
 
         Args:
             strike_id: id of the strike in the events.
-            tip_speed_m_s: requested tip speed [m/s]; not checked.
+            tip_speed_m_s: requested tip speed [m/s]; not used, because a hand cannot be ordered one.
 
         Raises:
             StrikerRefused: not armed, not cocked, or the arming expired.
@@ -112,7 +111,7 @@ class ManualStriker(Striker):
                 raise StrikerStopped
             time.sleep(0.02)
         self._enter(StrikerState.DISARMED, _Event.DISARMED, strike_id)
-        return StrikeOutcome(None, 0.0, tip_speed_m_s, tip_speed_m_s, None, 0.0, 0, now_ns)
+        return StrikeOutcome(None, 0.0, None, 0.0, None, 0.0, 0, now_ns)
 
     def stop(self) -> None:
         """End a wait for the person's strike, or disarm if a strike is allowed and has not begun."""

@@ -19,6 +19,7 @@ from acquire.virtual.objects import OBJECT_NAMES, VirtualObject, load_object
 from acquire.virtual.own_object import read_own_object
 from acquire.virtual.processes import running_process
 from acquire.virtual.station import calibration_sheet
+from acquire.virtual.striker_firmware import FASTEST_MM_S, SLOWEST_MM_S
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,8 @@ class DeviceOptions:
     """loopback address of the virtual camera, one per rig"""
     truth_path: Path | None = None
     """truth file of a user's object; None to draw from the seed what its object file does not state"""
+    striker: str = "dynamixel"
+    """kind of striker: dynamixel or serial"""
 
 
 @dataclass(frozen=True)
@@ -65,11 +68,18 @@ class Devices:
             AcquireError: the world did not start.
         """
         with running_process(
-            "world", self.folder, "acquire.virtual.world_process", *self._arguments()
+            "world",
+            self.folder,
+            "acquire.virtual.world_process",
+            *self._arguments(),
+            "--striker",
+            self.options.striker,
         ) as ready:
             thing = self.virtual_object
             sheet = calibration_sheet(self.options.seed, thing.camera_distance_m, thing.arm_inertia_kg_m2)
-            text = rig_toml(sheet, self.options.address, ready["port"], self.socket)
+            text = rig_toml(
+                sheet, self.options.address, ready["port"], self.socket, striker_kind=self.options.striker
+            )
             if recordings is not None:
                 entry = f"[recorder]\ndirectory = {json.dumps(str(recordings.resolve()))}"
                 text = text.replace("[recorder]", entry)
@@ -115,14 +125,21 @@ def prepare_devices(options: DeviceOptions, folder: Path) -> Devices:
     return Devices(options, folder, own.virtual, own.object_path, own.notes)
 
 
-def rig_toml(sheet: dict[str, Any], address: str, port: str, socket: Path) -> str:
+_SPEEDS = {"serial": f"\nspeed_range_m_s = [{SLOWEST_MM_S / 1000}, {FASTEST_MM_S / 1000}]"}
+"""line of section [striker] with the speeds, by kind of striker; none where they follow from the arm"""
+
+
+def rig_toml(
+    sheet: dict[str, Any], address: str, port: str, socket: Path, striker_kind: str = "dynamixel"
+) -> str:
     """Text of the rig file (TOML) that a person would write for the virtual rig.
 
     Args:
         sheet: calibrated values of the rig: gravity, friction, camera and striker.
         address: address of the virtual camera.
-        port: serial port of the virtual servo.
+        port: serial port of the virtual servo or striker board.
         socket: path of the daemon's socket.
+        striker_kind: kind of striker.
     """
     camera, striker = sheet["camera"], sheet["striker"]
     return f"""# The virtual rig, described as a real one would be.
@@ -149,8 +166,8 @@ T_world_camera = {json.dumps(camera["T_world_camera"])}
 strain_sd = 1e-4
 
 [striker]
-kind = "dynamixel"
-port = "{port}"
+kind = "{striker_kind}"
+port = "{port}"{_SPEEDS.get(striker_kind, "")}
 arm_length_m = {striker["arm_length_m"]}
 effective_mass_kg = {striker["effective_mass_kg"]:.4g}
 effective_mass_sd_kg = 0.05

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from acquire.config import read_rig
 from acquire.daemon.client import DaemonClient
 from acquire.errors import AcquireError, ConfigError, DaemonNotRunning
 from acquire.virtual.devices import DeviceOptions, Devices, prepare_devices, refuse_other_address, run_folder
@@ -72,7 +73,7 @@ def rehearse(options: DeviceOptions, folder: Path, show: Show) -> None:
             cleanup.enter_context(devices.camera())
             world = cleanup.enter_context(contextlib.closing(OperatorLink(run / "world.sock")))
             _place_for_a_look(world, devices.virtual_object)
-            for line in _instructions(devices, object_path, rig_path):
+            for line in _instructions(devices, object_path, rig_path, read_rig(rig_path).striker.port):
                 show(line)
             _serve(devices, world, show)
         if note := read_pace(run).note():
@@ -125,14 +126,14 @@ class _Recordings:
             self.show(f"the ground truth was added: analyze score {shlex.quote(str(path))}")
 
 
-def _instructions(devices: Devices, object_path: Path, rig_path: Path) -> list[str]:
+def _instructions(devices: Devices, object_path: Path, rig_path: Path, port: str) -> list[str]:
     """Lines for the user: what runs, and which commands rehearse a session."""
     rig, thing = shlex.quote(str(rig_path)), shlex.quote(str(object_path))
     folder = rig_path.parent
     plan, recording = (shlex.quote(str(folder / name)) for name in ("plan.json", "session.mcap"))
     return [
         *(f"note: {note}" for note in devices.notes),
-        f"virtual rig: camera at {devices.options.address}, servo at {devices.folder / 'ttyDXL'}",
+        f"virtual rig: camera at {devices.options.address}, striker at {port}",
         f"rig file: {rig_path}",
         "It runs until Ctrl-C. In other terminals:",
         f"  acquire check {rig}",

@@ -1,10 +1,10 @@
 """World process of the virtual rig: physics and servo in one real-time loop.
 
-`python -m acquire.virtual.world_process --object carton --seed 1 --dir RUN` creates in RUN: `ttyDXL` (the
-servo's serial port), `pose.ring` (poses for the camera process), `world.sock` (control socket: place and push
-the object, read the state, unplug or overload the servo, complete the truth file, quit) and `truth.bin` (true
-poses and contacts). Prints one JSON line when it is ready. Ends on SIGTERM, on SIGINT, on the request "quit"
-and when its parent ends.
+`python -m acquire.virtual.world_process --object carton --seed 1 --dir RUN` creates in RUN: `ttyDXL` or
+`ttyBoard` (serial port of the servo or of the striker board), `pose.ring` (poses for the camera process),
+`world.sock` (control socket: place and push the object, read the state, unplug or overload the striker,
+complete the truth file, quit) and `truth.bin` (true poses and contacts). Prints one JSON line when it is
+ready. Ends on SIGTERM, on SIGINT, on the request "quit" and when its parent ends.
 """
 
 from __future__ import annotations
@@ -26,10 +26,12 @@ from typing import Any
 import numpy as np
 
 from acquire.errors import AcquireError
-from acquire.virtual.dynamixel_servo import DynamixelServo, HardwareError
+from acquire.virtual.arm_devices import ARM_DEVICES
+from acquire.virtual.dynamixel_servo import HardwareError
 from acquire.virtual.object_archive import open_object
 from acquire.virtual.objects import VirtualObject
 from acquire.virtual.pose_ring import PoseRing
+from acquire.virtual.serial_board import SerialBoard
 from acquire.virtual.station import station
 from acquire.virtual.truth_file import TruthWriter
 from acquire.virtual.world import TICK_NS, World
@@ -61,6 +63,7 @@ class WorldProcess:
         folder: folder for files and sockets.
         clock_ns: function that returns the world's time [ns], that of CLOCK_MONOTONIC.
         table_tilt: (2,) rotation of gravity about x and y of W, the world frame [rad].
+        striker: name of the device that moves the arm, a key of ARM_DEVICES.
     """
 
     def __init__(
@@ -70,6 +73,7 @@ class WorldProcess:
         folder: Path,
         clock_ns: Callable[[], int] = time.monotonic_ns,
         table_tilt: tuple[float, float] = (0.0, 0.0),
+        striker: str = "dynamixel",
     ) -> None:
         self._clock_ns, self._folder = clock_ns, folder
         self._ring = PoseRing.create(folder / "pose.ring")
@@ -87,7 +91,7 @@ class WorldProcess:
             self._log_contact,
             table_tilt,
         )
-        self.servo = DynamixelServo(self.world.arm, clock_ns, folder / "ttyDXL", seed=seed)
+        self.servo = ARM_DEVICES[striker](self.world, virtual_object, clock_ns, folder, seed)
         self._socket_path = folder / "world.sock"
         self._socket_path.unlink(missing_ok=True)
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -290,6 +294,8 @@ class WorldProcess:
         )
 
     def _log_contact(self, contact: StrikerContact) -> None:
+        if isinstance(self.servo, SerialBoard):
+            self.servo.touch(contact.time_ns)
         self._truth.contact(
             pb.TruthContact(
                 world_time_ns=contact.time_ns,
@@ -337,6 +343,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, required=True, help="seed of object, station and servo noise")
     parser.add_argument("--dir", type=Path, required=True, help="folder for the run's files")
     parser.add_argument(
+        "--striker", choices=ARM_DEVICES, default="dynamixel", help="kind of the device that moves the arm"
+    )
+    parser.add_argument(
         "--tilt-deg", type=float, nargs=2, default=(0.0, 0.0), help="rotation of gravity about W's x and y"
     )
     # The default is wrong if the parent has ended by now, hence the option.
@@ -354,6 +363,7 @@ def main() -> None:
         arguments.seed,
         arguments.dir,
         table_tilt=(float(tilt_x), float(tilt_y)),
+        striker=arguments.striker,
     )
 
     def stop(_signal: int, _frame: object) -> None:

@@ -18,6 +18,7 @@ from acquire.session.options import SessionOptions
 from acquire.session.runner import Progress, SessionRunner
 from acquire.session.session_input import SessionInput
 from acquire.session.session_report import SessionReport
+from acquire.virtual.arm_devices import ARM_DEVICES
 from acquire.virtual.devices import rig_toml
 from acquire.virtual.objects import load_object
 from acquire.virtual.operator import VirtualOperator
@@ -57,11 +58,13 @@ class SessionRig:
         thing = load_object(OBJECT, SEED)
         (self.folder / "object.toml").write_text(thing.spec_toml)
         self.common = ["--object", OBJECT, "--seed", str(SEED), "--dir", str(self.folder)]
-        self.cleanup.callback(_ended, _started("acquire.virtual.world_process", *self.common))
+        arm = self.striker if self.striker in ARM_DEVICES else "dynamixel"
+        world = _started("acquire.virtual.world_process", *self.common, "--striker", arm)
+        self.cleanup.callback(_ended, world)
         rig = self.folder / "d.toml"
         sheet = calibration_sheet(SEED)
-        text = rig_toml(sheet, ADDRESS, str(self.folder / "ttyDXL"), self.folder / "d" / "d.sock")
-        rig.write_text(text.replace('kind = "dynamixel"', f'kind = "{self.striker}"'))
+        port = self.folder / ("ttyBoard" if arm == "serial" else "ttyDXL")
+        rig.write_text(rig_toml(sheet, ADDRESS, str(port), self.folder / "d" / "d.sock", self.striker))
         self.camera = self.start_camera()
         plan = [
             str(self.folder / "object.toml"),

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from acquire.preflight.board import BOARD_LINE, BoardFacts
 from acquire.preflight.check import Check, Outcome
 from acquire.preflight.computer import FolderState, PortState, ReceiveBuffer, Route
 from acquire.preflight.read_video import VideoContent
@@ -131,6 +132,7 @@ class Bench:
     servo: ServoState | Exception = field(
         default_factory=lambda: ServoState("XM430-W210", 12.1, 33, None, reads_per_s=600.0)
     )
+    board: BoardFacts | Exception = field(default_factory=lambda: BoardFacts("demo", "contact time", 1.2))
     source: FakeVideoSource = field(default_factory=FakeVideoSource)
     status: dict | Exception | None = None
 
@@ -146,12 +148,16 @@ class Bench:
                 raise self.servo
             return self.servo
 
-        found = list(
-            check_rig(self.rig_path, Probes(self.computer, self.disk, servo, lambda _: self.source, daemon))
-        )
+        def board(_: object) -> BoardFacts:
+            if isinstance(self.board, Exception):
+                raise self.board
+            return self.board
+
+        probes = Probes(self.computer, self.disk, servo, board, lambda _: self.source, daemon)
+        found = list(check_rig(self.rig_path, probes))
         names = [line.name for line in found]
         assert len(names) == len(set(names))
-        assert set(names) <= set(LINES)
+        assert set(names) <= {*LINES, BOARD_LINE}
         for line in found:
             assert "\n" not in line.found + line.remedy
             if line.outcome is Outcome.FAIL:

@@ -192,3 +192,31 @@ def test_strikes_that_are_given_up_are_named() -> None:
         machine.handle(events.PoseChecked(good=False, text="camera lost"))
     assert machine.skipped == ("s1",)
     assert machine.strike.id == "s2"
+
+
+@pytest.mark.parametrize(
+    ("speed_m_s", "code", "learned"),
+    [
+        (0.39, Verdict.GOOD, [0.39]),
+        (None, Verdict.GOOD, [None]),  # a requested speed does not count as one reached
+        (None, Verdict.NOT_MOVED, [None]),  # too weak, which is learned from
+        (0.0, Verdict.NOT_MOVED, []),  # met nothing
+    ],
+)
+def test_only_a_measured_speed_is_learned(speed_m_s, code, learned, monkeypatch):
+    machine = s.SessionMachine(plan(planned("s1")))
+    speeds = []
+    monkeypatch.setattr(
+        machine.learner, "learn", lambda _strike, _command, speed, _verdict: speeds.append(speed)
+    )
+    for event in (
+        events.Started(),
+        events.Placed(),
+        events.PoseChecked(good=True),
+        events.Ready(),
+        events.Struck(None, 0.0, speed_m_s, 0),
+        events.Recorded(1, 2, 100, 0),
+        events.Judged(verdict(code, None)),
+    ):
+        machine.handle(event)
+    assert speeds == learned
