@@ -57,7 +57,16 @@ class CameraConfig(Document):
         default=120.0, ge=0.01, le=1e5, description="frame rate [Hz]; with a trigger the rate of its pulses"
     )
     exposure_us: float = Field(default=1500.0, ge=0.01, le=1e8, description="exposure time [us]")
-    gain_db: float = Field(default=0.0, ge=0, le=100, description="gain [dB]")
+    gain_db: float | None = Field(
+        default=None, ge=-100, le=100, description="gain [dB]; the camera's lowest if neither gain is given"
+    )
+    gain_raw: int | None = Field(
+        default=None, ge=0, le=1_000_000, description="gain in the steps of cameras that do not count in dB"
+    )
+    timestamp_at: Literal["exposure_start", "exposure_end", "trigger"] = Field(
+        default="exposure_start",
+        description="instant of a frame that the camera stamps; `acquire check` finds it out",
+    )
     trigger: str = Field(
         default="off",
         pattern=r"^(off|Line[0-9]+)$",

@@ -14,6 +14,7 @@ from acquire.camera.receive_buffer import enlarge_receive_buffer
 from acquire.camera.sender_filter import ForeignPackets, SenderFilter
 from acquire.camera.settings import write_settings
 from acquire.camera.stream_socket import find_udp_socket
+from acquire.camera.subnet import not_found_remedy
 from acquire.clock.reading import ClockReading
 from acquire.errors import CameraError, CameraLost, CameraNotFound
 from acquire.frames.buffer_pool import BufferPool
@@ -148,8 +149,7 @@ class AravisCamera(Camera):
                     "switch it off and on"
                 ) from None
             raise CameraNotFound(
-                f"no camera answers at {address} ({reason(error)}): "
-                "check power, cable and address; `acquire discover` lists the cameras that answer"
+                f"no camera answers at {address} ({reason(error)}): {not_found_remedy(address)}"
             ) from None
         device = camera.get_device()
         # The handler runs on Aravis's heartbeat thread.
@@ -392,7 +392,13 @@ class AravisCamera(Camera):
         Raises:
             GLib.Error: the camera does not answer.
         """
-        ticks_hz = (device.read_register(_TICKS_HIGH) << 32) | device.read_register(_TICKS_LOW)
+        Aravis, GLib = aravis_and_glib()
+        try:
+            ticks_hz = (device.read_register(_TICKS_HIGH) << 32) | device.read_register(_TICKS_LOW)
+        except GLib.Error as error:
+            if error.matches(Aravis.device_error_quark(), Aravis.DeviceError.TIMEOUT):
+                raise
+            ticks_hz = 0  # not every camera has these registers (Aravis #153)
         if ticks_hz == 0:
             self._warnings.append(
                 f"camera {self._config.address} does not report its clock's frequency: "
@@ -412,6 +418,7 @@ class AravisCamera(Camera):
                 f"camera {self._config.address}: no stream can be opened: "
                 "check that UDP is not blocked by a firewall"
             )
+        self._warn_of_small_packets(camera)
         stream.set_property("socket-buffer", Aravis.GvStreamSocketBuffer.FIXED)
         stream.set_property("frame-retention", self._retention_us())
         # 0 leaves the socket's buffer alone: else Aravis sets it again with every frame (Aravis #994).
@@ -436,6 +443,15 @@ class AravisCamera(Camera):
         for buffer in buffers[: memory.circulating]:
             stream.push_buffer(buffer)
         return Connection(camera, device, stream, handler, buffers, memory)
+
+    def _warn_of_small_packets(self, camera: Any) -> None:
+        """Warn if the packet size is no longer the wanted one: Aravis tests it when a stream is made."""
+        got = camera.gv_get_packet_size()
+        if got != self._config.packet_size:
+            self._warnings.append(
+                f"packets of {got} B are used instead of {self._config.packet_size} B: larger ones do not "
+                "come through; set the interface's MTU to 9000 (`ip link set IFACE mtu 9000`)"
+            )
 
     def _prepare_socket(self, port: int, device: Any) -> None:
         """Enlarge the receive buffer of the stream's socket, and close it to all senders but the camera.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from acquire.camera.aravis_library import aravis_and_glib, reason
-from acquire.errors import CameraSettingError
+from acquire.errors import CameraError, CameraSettingError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -42,10 +42,32 @@ class Setting:
         return value if isinstance(value, str) else f"{value:g} {self.unit}"
 
 
+REMEMBERED: tuple[tuple[str, int | bool | str], ...] = (
+    ("BinningHorizontal", 1),
+    ("BinningVertical", 1),
+    ("DecimationHorizontal", 1),
+    ("DecimationVertical", 1),
+    ("ReverseX", False),
+    ("ReverseY", False),
+    ("GammaEnable", False),
+    ("ExposureMode", "Timed"),
+    ("ChunkModeActive", False),
+    ("TestImageSelector", "Off"),
+    ("TestPattern", "Off"),
+)
+"""features that a camera may keep from another program, by their standard names (SFNC), and the values that
+images need: whole pixels, the right way round, grey values in proportion to the light, nothing added"""
+FRAME_TRIGGERS = ("FrameStart", "FrameBurstStart", "AcquisitionStart")
+"""names under which cameras start a frame by a pulse, the usual first (Hikrobot knows only the second, old
+Baslers also the third)"""
+
+
 def write_settings(camera: Any, config: CameraConfig) -> None:
     """Write every setting of the rig file to a camera, read it back and compare.
 
-    Range checks are switched on; automatic exposure and gain are switched off.
+    A stream that another program left is stopped, the maker's settings are loaded, and what a camera may keep
+    from another program is set: binning, mirroring, gamma, chunks, triggers, automatic exposure and gain.
+    Range checks are switched on.
 
     Args:
         camera: the opened Aravis camera.
@@ -53,9 +75,12 @@ def write_settings(camera: Any, config: CameraConfig) -> None:
 
     Raises:
         CameraSettingError: a setting reads back differently, or is out of the camera's range.
+        CameraError: the camera denies access.
         GLib.Error: the camera stopped answering, or refused the modes that precede the settings.
     """
     Aravis, GLib = aravis_and_glib()
+    _stop(camera)
+    _load_makers_settings(camera)
     # Off by default, and then Width = 5000 is accepted (Aravis #562).
     camera.set_range_check_policy(Aravis.RangeCheckPolicy.ENABLE)
     camera.set_acquisition_mode(Aravis.AcquisitionMode.CONTINUOUS)
@@ -63,6 +88,7 @@ def write_settings(camera: Any, config: CameraConfig) -> None:
         camera.set_exposure_time_auto(Aravis.Auto.OFF)
     if camera.is_gain_auto_available():
         camera.set_gain_auto(Aravis.Auto.OFF)
+    camera.clear_triggers()
     for setting in _settings(camera, config):
         wanted = f"camera {config.address}: {setting.name} = {setting.text(setting.wanted)}"
         try:
@@ -71,6 +97,11 @@ def write_settings(camera: Any, config: CameraConfig) -> None:
         except GLib.Error as error:
             if error.matches(Aravis.device_error_quark(), Aravis.DeviceError.TIMEOUT):
                 raise  # the camera did not refuse, it stopped answering
+            if error.matches(Aravis.device_error_quark(), Aravis.DeviceError.PROTOCOL_ERROR_ACCESS_DENIED):
+                raise CameraError(
+                    f"camera {config.address} denies access to {setting.name}: another program controls it; "
+                    "close that program, or switch the camera off and on"
+                ) from None
             raise CameraSettingError(
                 f"{wanted} was refused ({reason(error)}): correct the rig file"
             ) from None
@@ -78,6 +109,31 @@ def write_settings(camera: Any, config: CameraConfig) -> None:
             raise CameraSettingError(
                 f"{wanted} was written, {setting.text(got)} read back: correct the rig file"
             )
+
+
+def _stop(camera: Any) -> None:
+    """Stop a stream that another program has left; a camera refuses its settings while it streams."""
+    Aravis, GLib = aravis_and_glib()
+    try:
+        camera.stop_acquisition()
+    except GLib.Error as error:
+        if error.matches(Aravis.device_error_quark(), Aravis.DeviceError.TIMEOUT):
+            raise
+
+
+def _load_makers_settings(camera: Any) -> None:
+    """Load the maker's settings, where the camera has them (SFNC: UserSetSelector, UserSetLoad)."""
+    _, GLib = aravis_and_glib()
+    if not (camera.is_feature_available("UserSetSelector") and camera.is_feature_available("UserSetLoad")):
+        return
+    if "Default" in camera.dup_available_enumerations_as_strings("UserSetSelector"):
+        try:
+            camera.set_string("UserSetSelector", "Default")
+            camera.execute_command("UserSetLoad")
+        except GLib.Error as error:
+            if "timeout" in reason(error).lower():
+                raise
+            # Not all cameras allow it; what matters is set one by one below.
 
 
 def _settings(camera: Any, config: CameraConfig) -> Iterator[Setting]:
@@ -89,6 +145,9 @@ def _settings(camera: Any, config: CameraConfig) -> Iterator[Setting]:
         camera: the opened Aravis camera.
         config: section `camera` of the rig file.
     """
+    for name, wanted in REMEMBERED:
+        if camera.is_feature_available(name):
+            yield _remembered(camera, name, wanted)
     # Offsets to 0 first, then the size, then the offsets: each limits the other (Aravis #256).
     region = [
         ("Width", config.width),
@@ -110,34 +169,58 @@ def _settings(camera: Any, config: CameraConfig) -> Iterator[Setting]:
         camera.set_exposure_time,
         camera.get_exposure_time,
     )
-    yield Setting("gain", config.gain_db, 0.1, "dB", camera.set_gain, camera.get_gain)
+    yield from _gain(camera, config)
     yield from _timing_settings(camera, config)
-    yield Setting(
-        "packet size",
-        config.packet_size,
-        0.0,
-        "B",
-        lambda value: camera.gv_set_packet_size(int(value)),
-        camera.gv_get_packet_size,
-    )
+    if camera.is_gv_device():
+        yield Setting(
+            "packet size",
+            config.packet_size,
+            0.0,
+            "B",
+            lambda value: camera.gv_set_packet_size(int(value)),
+            camera.gv_get_packet_size,
+        )
+
+
+def _gain(camera: Any, config: CameraConfig) -> Iterator[Setting]:
+    """Yield the setting of the gain: the lowest one unless the rig file names one, in dB or in steps.
+
+    Raises:
+        CameraSettingError: the camera counts its gain in the other unit.
+    """
+    if not camera.is_gain_available():
+        return
+    in_steps = not any(camera.is_feature_available(name) for name in ("Gain", "GainAbs"))
+    low, high = camera.get_gain_bounds()
+    if config.gain_db is None and config.gain_raw is None:
+        yield Setting("gain", low, 0.1, "", camera.set_gain, camera.get_gain)
+        return
+    unit, key = ("steps", "gain_raw") if in_steps else ("dB", "gain_db")
+    wanted = config.gain_raw if in_steps else config.gain_db
+    if wanted is None:
+        raise CameraSettingError(
+            f"camera {config.address} counts its gain in {unit}, {low:g} to {high:g}: write {key} = {low:g} "
+            "in the rig file, or leave the gain out for the lowest"
+        )
+    yield Setting("gain", wanted, 0.1, unit, camera.set_gain, camera.get_gain)
 
 
 def _timing_settings(camera: Any, config: CameraConfig) -> Iterator[Setting]:
-    """Yield the settings of trigger and, without a trigger, of the frame rate, in the order of writing.
-
-    TriggerMode is written on every camera that has it, even if no trigger is used: a camera that keeps its
-    settings may otherwise wait for pulses that never arrive.
+    """Yield the settings of trigger or frame rate, in the order of writing; all triggers are off before.
 
     Args:
         camera: the opened Aravis camera.
         config: section `camera` of the rig file.
+
+    Raises:
+        CameraSettingError: the camera has no frame rate to set, or no trigger.
     """
-    has_trigger = camera.is_feature_available("TriggerMode")
-    if has_trigger or config.trigger != "off":
-        if camera.is_feature_available("TriggerSelector"):
-            yield _name(camera, "TriggerSelector", "FrameStart")
-        yield _name(camera, "TriggerMode", "Off")
     if config.trigger == "off":
+        if not camera.is_frame_rate_available():
+            raise CameraSettingError(
+                f"camera {config.address} has no frame rate that can be set: trigger it by pulses "
+                '(trigger = "Line1" in the rig file)'
+            )
         rate_step_hz = 0.001 * config.frame_rate_hz
         yield Setting(
             "frame rate",
@@ -150,9 +233,30 @@ def _timing_settings(camera: Any, config: CameraConfig) -> Iterator[Setting]:
         return
     # Source and edge are set while the trigger is off, so that no half-configured camera counts pulses.
     # Aravis's set_frame_rate would turn the trigger off.
+    if not camera.is_feature_available("TriggerMode"):
+        raise CameraSettingError(
+            f'camera {config.address} has no trigger input: write trigger = "off" in the rig file'
+        )
+    if camera.is_feature_available("TriggerSelector"):
+        known = camera.dup_available_enumerations_as_strings("TriggerSelector")
+        selector = next((name for name in FRAME_TRIGGERS if name in known), FRAME_TRIGGERS[0])
+        yield _name(camera, "TriggerSelector", selector)
     yield _name(camera, "TriggerSource", config.trigger)
-    yield _name(camera, "TriggerActivation", "RisingEdge")
+    if camera.is_feature_available("TriggerActivation"):
+        yield _name(camera, "TriggerActivation", "RisingEdge")
     yield _name(camera, "TriggerMode", "On")
+
+
+def _remembered(camera: Any, name: str, wanted: int | bool | str) -> Setting:
+    """Setting of a feature that is written only where it differs: some are locked at their value."""
+    kind = "boolean" if isinstance(wanted, bool) else "string" if isinstance(wanted, str) else "integer"
+    read, write = getattr(camera, f"get_{kind}"), getattr(camera, f"set_{kind}")
+
+    def write_if_different(value: Any) -> None:
+        if read(name) != value:
+            write(name, value)
+
+    return Setting(name, wanted, 0.0, "", write_if_different, lambda: read(name))
 
 
 def _name(camera: Any, name: str, wanted: str) -> Setting:

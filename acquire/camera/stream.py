@@ -306,7 +306,9 @@ class CameraStream:
         """
         mapper = self._mapper
         mapper.add_arrival(frame.device_time_ns, frame.host_time_ns)  # no effect if the clock is latched
-        mid = mapper.to_host(frame.device_time_ns) + round(frame.exposure_us * 500.0)
+        half_ns = round(frame.exposure_us * 500.0)
+        stamped_ns = mapper.to_host(frame.device_time_ns)
+        mid = stamped_ns - half_ns if self._config.timestamp_at == "exposure_end" else stamped_ns + half_ns
         lost = frame.lost_before
         if first and self._recent:
             # No frames were counted while the camera was away: estimate the loss from the gap in time.

@@ -68,7 +68,7 @@ def check_camera(source: VideoSource, config: CameraConfig, folder: Path) -> Ite
             "camera settings",
             f"{config.width} x {config.height} mono8 at {config.frame_rate_hz:g} Hz, "
             f"{config.exposure_us:g} us, "
-            f"{config.gain_db:g} dB, packets of {config.packet_size} B: read back as set",
+            f"{_gain_text(config)}, packets of {config.packet_size} B: read back as set",
         )
         try:
             video = source.record(folder)
@@ -84,6 +84,12 @@ def check_camera(source: VideoSource, config: CameraConfig, folder: Path) -> Ite
         )
     finally:
         source.close()
+
+
+def _gain_text(config: CameraConfig) -> str:
+    if config.gain_db is not None:
+        return f"{config.gain_db:g} dB"
+    return "lowest gain" if config.gain_raw is None else f"gain of {config.gain_raw} steps"
 
 
 def _remaining(reason: str, first: int) -> Iterator[Check]:

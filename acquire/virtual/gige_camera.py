@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import random
 import socket
+import tempfile
 import threading
 import time
 from collections import deque
@@ -22,7 +23,9 @@ import numpy as np
 
 from acquire.errors import CameraError
 from acquire.virtual import aravis_ctypes
-from acquire.virtual.gige_interposer import ControlRelay, StreamRelay
+from acquire.virtual.camera_makes import DEFAULTS
+from acquire.virtual.gige_faults import USUAL, CameraHabits
+from acquire.virtual.gige_interposer import ControlRelay, StreamRelay, Told
 from acquire.virtual.gige_sockets import (
     GVCP_PORT,
     LOOPBACK,
@@ -52,7 +55,7 @@ _SENSOR_WIDTH, _SENSOR_HEIGHT, _WIDTH, _HEIGHT = 0x11C, 0x118, 0x100, 0x104
 _EXPOSURE_US, _FRAME_PERIOD, _GAIN = 0x120, 0x138, 0x110
 _OFFSET_X, _OFFSET_Y, _ACQUISITION, _PRIVILEGE = 0x130, 0x134, 0x124, 0xA00
 _VENDOR, _MODEL, _OWN_ADDRESS, _CAPABILITY, _RESEND_BIT = 0x48, 0x68, 0x24, 0x934, 4
-_SOURCE_PORT = 0xD1C
+_SOURCE_PORT, _TICKS_HIGH, _TICKS_LOW = 0xD1C, 0x93C, 0x940
 # Not "Prosilica": Aravis takes vendor-specific code paths for that name.
 VENDOR, MODEL = "Allied Vision Technologies", "GUPPY-SIM GE656"
 
@@ -77,7 +80,7 @@ class CameraStatistics:
 
 @dataclass(frozen=True)
 class _Slot:
-    """Rendered image (height, width) of one exposure, whose start is on the camera's clock [ns]."""
+    """Rendered image (height, width) of one exposure, with its stamp on the camera's clock [ns]."""
 
     device_time_ns: int
     image: NDArray[np.uint8]
@@ -127,8 +130,7 @@ class VirtualGigeCamera:
         drift: relative rate error of the camera's clock.
         packet_loss: fraction of stream packets to drop, 0 to 1.
         seed: seed of the packet losses.
-        pulses_hz: rate of a pulse generator at the trigger input; 0 if none is connected. It sets the frame
-            rate while the client has the trigger on.
+        habits: what it does otherwise than Aravis's fake camera.
 
     Raises:
         CameraError: the control port is in use, the address is not one of this host, libaravis is missing, or
@@ -144,13 +146,13 @@ class VirtualGigeCamera:
         drift: float = DRIFT,
         packet_loss: float = 0.0,
         seed: int = 0,
-        pulses_hz: float = 0.0,
+        habits: CameraHabits = USUAL,
     ) -> None:
+        self._habits, self._make = habits, habits.make
         self.device_clock = DeviceClock(clock, drift)
         self._address, self._source, self._clock = address, source, clock
         self._condition = threading.Condition()
         self._slots: deque[_Slot] = deque()
-        self._pulses_hz = pulses_hz
         self._streaming = self._closed = False
         self._run = 0
         self._frames = self._rendered = self._late = self._latest_ns = self._wire_free_ns = 0
@@ -169,11 +171,10 @@ class VirtualGigeCamera:
         self._relay = ControlRelay(
             control,
             inner,
-            self.device_clock.now_ns,
+            lambda: self._ticks(self.device_clock.now_ns()),
             8333,
-            self._on_acquisition,
-            self._on_claim,
-            has_pulses=pulses_hz > 0.0,
+            Told(self._on_acquisition, self._on_claim, self._load_user_set),
+            habits,
         )
         self._fill_pattern = aravis_ctypes.FILL_PATTERN(self._fill)
         self._library.fake_set_fill_pattern(self._fake, self._fill_pattern, None)
@@ -226,7 +227,7 @@ class VirtualGigeCamera:
             guard = None
         try:
             before = descriptors()
-            gv_fake = self._library.gv_fake_new_full(LOOPBACK.encode(), serial.encode(), None)
+            gv_fake = self._new_fake(serial)
             try:
                 return gv_fake, *adopt_fake_sockets(before, self._address)
             except CameraError:
@@ -235,6 +236,24 @@ class VirtualGigeCamera:
         finally:
             if guard is not None:
                 guard.close()
+
+    def _new_fake(self, serial: str) -> int:
+        """Make Aravis's fake camera, with the description of the make."""
+        if self._make is None:
+            return self._library.gv_fake_new_full(LOOPBACK.encode(), serial.encode(), None)
+        with tempfile.NamedTemporaryFile("w", suffix=".xml", encoding="utf-8") as file:
+            file.write(self._make.xml(SENSOR_WIDTH, SENSOR_HEIGHT))
+            file.flush()
+            return self._library.gv_fake_new_full(LOOPBACK.encode(), serial.encode(), file.name.encode())
+
+    def _load_user_set(self) -> None:
+        """Load the "Default" user set: what was remembered is gone."""
+        for register, value in DEFAULTS.items():
+            self._library.write_register(self._fake, register, value)
+
+    def _ticks(self, device_ns: int) -> int:
+        """Ticks of the camera's clock at a time on it [ns]."""
+        return device_ns * self._habits.ticks_hz // 1_000_000_000
 
     def _write_registers(self, packet_loss: float, source_port: int) -> None:
         write = self._library.write_register
@@ -252,8 +271,14 @@ class VirtualGigeCamera:
             write(self._fake, register, value)
         if packet_loss > 0:
             write(self._fake, _CAPABILITY, self._library.read_register(self._fake, _CAPABILITY) | _RESEND_BIT)
-        self._library.write_text(self._fake, _VENDOR, 32, VENDOR)
-        self._library.write_text(self._fake, _MODEL, 32, MODEL)
+        make = self._make
+        self._library.write_text(self._fake, _VENDOR, 32, VENDOR if make is None else make.vendor)
+        self._library.write_text(self._fake, _MODEL, 32, MODEL if make is None else make.model)
+        if make is not None:
+            low = 1 if make.raw_gain is None else make.raw_gain[0]
+            used = DEFAULTS | make.remembered
+            for register, value in {**used, _TICKS_HIGH: 0, _TICKS_LOW: make.ticks_hz, _GAIN: low}.items():
+                write(self._fake, register, value)
 
     def _on_acquisition(self, streaming: bool) -> None:
         with self._condition:
@@ -281,7 +306,7 @@ class VirtualGigeCamera:
             offset_x=read(_OFFSET_X),
             offset_y=read(_OFFSET_Y),
             exposure_us=float(read(_EXPOSURE_US)),
-            gain_db=float(read(_GAIN)),
+            gain_db=float(read(_GAIN)) if self._make is None else self._make.gain_db(read(_GAIN)),
         )
 
     def _render(self) -> None:
@@ -294,7 +319,7 @@ class VirtualGigeCamera:
             settings = self._settings()
             period_ns = self._relay.period_us * 1000
             if self._relay.triggered:
-                period_ns = round(1e9 / self._pulses_hz)
+                period_ns = round(1e9 / self._habits.pulses_hz)
             exposure_ns = round(settings.exposure_us * 1e3)
             device_time_ns = self.device_clock.now_ns()
             while self._is_wanted(run):
@@ -306,7 +331,8 @@ class VirtualGigeCamera:
                 self._render_s += time.perf_counter() - began
                 self._rendered += 1
                 self._count_delay(self._clock.monotonic_ns() - start_ns - exposure_ns, period_ns)
-                self._queue(_Slot(device_time_ns, np.ascontiguousarray(image)), run)
+                stamp_ns = device_time_ns + exposure_ns * self._habits.stamps_end
+                self._queue(_Slot(stamp_ns, np.ascontiguousarray(image)), run)
                 device_time_ns += period_ns
 
     def _queue(self, slot: _Slot, run: int) -> None:
@@ -366,7 +392,7 @@ class VirtualGigeCamera:
                 slot.image.nbytes / WIRE_BYTES_S * 1e9
             )
             self._library.fill(buffer, slot.image)
-            self._library.buffer_set_timestamp(buffer, slot.device_time_ns)
+            self._library.buffer_set_timestamp(buffer, self._ticks(slot.device_time_ns))
             self._frames += 1
         else:
             # The fake finishes sending a buffer even when it is stopped, stamped with the wall clock's time.

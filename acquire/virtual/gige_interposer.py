@@ -26,8 +26,11 @@ import socket
 import struct
 import threading
 from collections import Counter, OrderedDict
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from acquire.virtual.camera_makes import USER_SET_LOAD
+from acquire.virtual.gige_faults import CameraHabits, FaultyRegisters
 from acquire.virtual.gige_sockets import LOOPBACK, udp_socket
 
 if TYPE_CHECKING:
@@ -56,6 +59,18 @@ HEARTBEAT_READ = bytes.fromhex("4201008000040001") + struct.pack(">I", 0x938)
 Address = tuple[str, int]
 
 
+@dataclass(frozen=True)
+class Told:
+    """Functions that the relay calls on its thread."""
+
+    on_acquisition: Callable[[bool], None]
+    """called when acquisition starts (True) or stops (False)"""
+    on_claim: Callable[[], None]
+    """called before a write to the control privilege reaches the fake camera"""
+    on_user_set: Callable[[], None]
+    """called when the client loads a user set"""
+
+
 class ControlRelay:
     """Relay of control packets (GVCP) between clients and Aravis's fake camera, on its own thread.
 
@@ -67,9 +82,8 @@ class ControlRelay:
         inner: private socket that the fake polls instead of one at the control port.
         device_now_ns: function that returns the time of the camera's clock [ns].
         period_us: frame period at the start [us].
-        on_acquisition: called on the relay's thread when acquisition starts (True) or stops (False).
-        on_claim: called on the relay's thread before a write to the control privilege reaches the fake.
-        has_pulses: True if a pulse generator is connected, which gives the camera a trigger mode.
+        told: who is told of what the client does.
+        habits: what the camera does otherwise; a pulse generator gives it a trigger mode.
     """
 
     def __init__(
@@ -78,15 +92,14 @@ class ControlRelay:
         inner: socket.socket,
         device_now_ns: Callable[[], int],
         period_us: int,
-        on_acquisition: Callable[[bool], None],
-        on_claim: Callable[[], None],
-        *,
-        has_pulses: bool = False,
+        told: Told,
+        habits: CameraHabits,
     ) -> None:
         self._control, self._inner = control, inner
         self._inner_address: Address = inner.getsockname()
-        self._device_now_ns, self._on_acquisition, self._on_claim = device_now_ns, on_acquisition, on_claim
-        self._shadows = {_FRAME_PERIOD: period_us} | ({_TRIGGER_MODE: 0} if has_pulses else {})
+        self._device_now_ns, self._told = device_now_ns, told
+        self._shadows = {_FRAME_PERIOD: period_us} | ({_TRIGGER_MODE: 0} if habits.pulses_hz > 0 else {})
+        self._faulty = FaultyRegisters(habits.faults)
         self._latched_ns = 0
         self._stream_address, self._stream_port = "", 0
         self._pending: OrderedDict[tuple[Address, int], tuple[int, int]] = OrderedDict()
@@ -169,14 +182,24 @@ class ControlRelay:
             if register in (_LATCH, _LATCH_HIGH, _LATCH_LOW) and command in (_READREG, _WRITEREG):
                 self._answer_latch(command, register, value, identity, client)
                 return
+            if status := self._faulty.refusal(command, register, value):
+                self._control.sendto(struct.pack(">HHHH", status, command + 1, 0, identity), client)
+                return
+            if (test := self._faulty.test_packet(command, register, value)) is not None:
+                self._control.sendto(*test)
             if command in (_WRITEREG, _WRITEMEM):
-                if register == _PRIVILEGE:
-                    self._on_claim()
+                self._tell(register)
                 self._rewrite(packet, register)
             self._pending[client, identity] = (register, value)
             while len(self._pending) > _RELAYS:
                 self._pending.popitem(last=False)
         self._relay_for(client).sendto(packet, self._inner_address)
+
+    def _tell(self, register: int) -> None:
+        if register == _PRIVILEGE:
+            self._told.on_claim()
+        elif register == USER_SET_LOAD:
+            self._told.on_user_set()
 
     def _rewrite(self, packet: bytearray, register: int) -> None:
         if register in self._shadows:
@@ -196,7 +219,7 @@ class ControlRelay:
                 struct.pack_into(">I", packet, 12, self._shadows[register])
         elif acknowledged in (_WRITEREG_ACK, _WRITEMEM_ACK):
             if register == _ACQUISITION:
-                self._on_acquisition(value != 0)
+                self._told.on_acquisition(value != 0)
             elif register in (_STREAM_ADDRESS, _STREAM_PORT) and self._stream is not None:
                 self._set_destination(register, value, self._stream)
         self._control.sendto(packet, client)

@@ -14,6 +14,7 @@ from acquire.clock.clock import DeviceClockMapper, SystemClock
 from acquire.errors import CameraError, CameraLost, CameraNotFound, CameraSettingError
 from acquire.frames.frame import Frame
 from acquire.virtual.gige_camera import VirtualGigeCamera
+from acquire.virtual.gige_faults import CameraHabits
 from tests.acquire.virtual.pattern_source import PatternSource, noise, read_stamp, stamped
 from tests.loopback import loopback
 
@@ -113,7 +114,7 @@ def test_region_exposure_gain_and_rate_are_set(pattern_camera, camera_config) ->
             offset_y=50,
             frame_rate_hz=50.0,
             exposure_us=900.0,
-            gain_db=3.0,
+            gain_raw=3,
         )
         camera = AravisCamera(config, SystemClock())
         camera.open()
@@ -127,7 +128,9 @@ def test_region_exposure_gain_and_rate_are_set(pattern_camera, camera_config) ->
 
 def test_a_hardware_trigger_of_the_rig_file_starts_each_frame(camera_config) -> None:
     clock = SystemClock()
-    server = VirtualGigeCamera(loopback(46), "V", PatternSource(clock, SEED), clock, pulses_hz=80.0)
+    server = VirtualGigeCamera(
+        loopback(46), "V", PatternSource(clock, SEED), clock, habits=CameraHabits(pulses_hz=80.0)
+    )
     camera = AravisCamera(camera_config(loopback(46), trigger="Line0", frame_rate_hz=80.0), clock)
     try:
         camera.open()
@@ -189,7 +192,7 @@ def test_an_absent_camera_is_named_in_time(camera_config) -> None:
     ("changes", "message"),
     [
         ({"width": 5000}, "Width = 5000 px was refused"),
-        ({"gain_db": 2.5}, "gain = 2.5 dB was written, 2 dB read back: correct the rig file"),
+        ({"gain_raw": 500}, "gain = 500 steps was refused .*: correct the rig file"),
         (
             {"trigger": "Line7"},
             "TriggerSource = Line7 was refused .*'Line7' not an entry.*: correct the rig file",
