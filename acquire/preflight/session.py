@@ -10,13 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from acquire.camera.aravis import AravisCamera
 from acquire.clock.clock import Clock, SystemClock
 from acquire.config import read_rig
 from acquire.daemon.client import DaemonClient
 from acquire.errors import AcquireError, ConfigError, DaemonNotRunning
 from acquire.preflight.board import ReadBoard, check_board, check_held_board, read_board
 from acquire.preflight.camera import CAMERA_LINES, check_camera
-from acquire.preflight.check import Check, failed_by_error, failed_check, passed_check, skipped_check
+from acquire.preflight.check import Check, Outcome, failed_by_error, failed_check, passed_check, skipped_check
 from acquire.preflight.computer import (
     Computer,
     check_latency_timer,
@@ -28,6 +29,7 @@ from acquire.preflight.computer import (
 )
 from acquire.preflight.disk import Disk, check_disk
 from acquire.preflight.servo import SERVO_LINES, ReadServo, check_held_servo, check_servo, read_servo
+from acquire.preflight.stamps import STAMP_LINE, MeasureStamp, check_stamp, measure_stamp
 from acquire.preflight.video import DaemonCapture, OwnCapture, VideoSource
 from schemas.rig import RigConfig, StrikerConfig
 from schemas.wording import counted
@@ -46,6 +48,7 @@ LINES = (
     "disk speed",
     *SERVO_LINES,
     *CAMERA_LINES,
+    STAMP_LINE,
 )
 """names of all checks of a rig with a servo, in order"""
 
@@ -80,6 +83,8 @@ class Probes:
     """function that reads the striker board"""
     capture: Callable[[RigConfig], VideoSource]
     """function that returns the rig's camera, for use without a daemon"""
+    stamp: MeasureStamp
+    """function that finds out which instant of a frame the camera stamps, without a daemon"""
     daemon: Callable[[RigConfig], contextlib.AbstractContextManager[RunningDaemon | None]]
     """context that yields the running daemon; None if none runs"""
 
@@ -108,6 +113,7 @@ def real_probes(clock: Clock | None = None) -> Probes:
         servo=lambda config: read_servo(config, clock),
         board=lambda config: read_board(config, clock),
         capture=lambda rig: OwnCapture(rig, clock),
+        stamp=lambda config: measure_stamp(lambda each: AravisCamera(each, clock), config),
         daemon=daemon,
     )
 
@@ -144,10 +150,23 @@ def check_rig(path: Path, probes: Probes) -> Iterator[Check]:
         yield from check_disk(probes.disk, rig)
         if daemon is None:
             yield from _check_striker(probes, rig.striker)
-            yield from check_camera(probes.capture(rig), rig.camera, _video_folder(rig))
+            yield from _check_camera(probes, rig)
         else:
             yield from _check_held_striker(daemon.status, rig.striker)
             yield from _check_held_camera(daemon, rig)
+            yield skipped_check(STAMP_LINE, "the daemon holds the camera: check without it")
+
+
+def _check_camera(probes: Probes, rig: RigConfig) -> Iterator[Check]:
+    """Yield the checks of a camera that no daemon holds."""
+    works = True
+    for check in check_camera(probes.capture(rig), rig.camera, _video_folder(rig)):
+        works &= check.outcome is Outcome.PASS or check.name not in CAMERA_LINES[:2]
+        yield check
+    if works:
+        yield check_stamp(probes.stamp, rig.camera)
+    else:
+        yield skipped_check(STAMP_LINE, "the camera must take its settings first")
 
 
 def _check_daemon(rig: RigConfig, daemon: RunningDaemon | None) -> Check:

@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -134,26 +135,24 @@ class Bench:
     )
     board: BoardFacts | Exception = field(default_factory=lambda: BoardFacts("demo", "contact time", 1.2))
     source: FakeVideoSource = field(default_factory=FakeVideoSource)
+    stamp: float | Exception | None = 1.0
     status: dict | Exception | None = None
 
     def lines(self) -> dict[str, Check]:
         @contextlib.contextmanager
         def daemon(_: RigConfig) -> Iterator[RunningDaemon | None]:
-            if isinstance(self.status, Exception):
-                raise self.status
-            yield None if self.status is None else RunningDaemon(self.status, self.source)
+            status = _given(self.status)
+            yield None if status is None else RunningDaemon(status, self.source)
 
-        def servo(_: object) -> ServoState:
-            if isinstance(self.servo, Exception):
-                raise self.servo
-            return self.servo
-
-        def board(_: object) -> BoardFacts:
-            if isinstance(self.board, Exception):
-                raise self.board
-            return self.board
-
-        probes = Probes(self.computer, self.disk, servo, board, lambda _: self.source, daemon)
+        probes = Probes(
+            self.computer,
+            self.disk,
+            lambda _: _given(self.servo),
+            lambda _: _given(self.board),
+            lambda _: self.source,
+            lambda _: _given(self.stamp),
+            daemon,
+        )
         found = list(check_rig(self.rig_path, probes))
         names = [line.name for line in found]
         assert len(names) == len(set(names))
@@ -166,3 +165,10 @@ class Bench:
 
     def failures(self) -> set[str]:
         return {name for name, line in self.lines().items() if line.outcome is Outcome.FAIL}
+
+
+def _given(value: Any) -> Any:
+    """The value; if it is an exception, it is raised."""
+    if isinstance(value, Exception):
+        raise value
+    return value

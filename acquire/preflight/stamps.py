@@ -1,0 +1,120 @@
+"""At which instant of a frame the camera stamps it: found out from frames of two exposures.
+
+A frame is sent once its exposure has ended. So the time from its stamp to its arrival grows with the exposure
+if the camera stamps the exposure's start, and does not if it stamps the end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from acquire.clock.clock import DeviceClockMapper
+from acquire.errors import AcquireError
+from acquire.preflight.check import Check, Measured, failed_check, passed_check, skipped_check
+
+if TYPE_CHECKING:
+    from acquire.camera.base import Camera
+    from schemas.rig import CameraConfig
+
+STAMP_LINE = "camera stamp"
+"""name of the check"""
+EXPOSURES_US = (300.0, 6300.0)
+"""the two exposures [us]: their difference is many times what the arrival of a frame varies by"""
+RATE_HZ = 60.0
+"""highest frame rate of the measurement, so that the long exposure fits into a period [Hz]"""
+FRAMES = 40
+"""frames per exposure"""
+QUANTILE = 0.25
+"""quantile of the delays that is compared: a busy computer only makes frames later"""
+LATCHES = 10
+START_SLOPE, END_SLOPE = 0.7, 0.3
+"""slopes [1] above and below which the instant is the exposure's start or end"""
+
+MeasureStamp = Callable[["CameraConfig"], float | None]
+
+
+def measure_stamp(make_camera: Callable[[CameraConfig], Camera], config: CameraConfig) -> float | None:
+    """Change of the time from stamp to arrival over the change of the exposure: 1 for start, 0 for end.
+
+    Args:
+        make_camera: function that makes the camera of a configuration.
+        config: the rig file's settings of the camera.
+
+    Returns:
+        The ratio; None if the camera's clock cannot be read.
+
+    Raises:
+        AcquireError: the camera cannot be used at these exposures.
+    """
+    delays_us = []
+    for exposure_us in EXPOSURES_US:
+        changes = {"exposure_us": exposure_us, "frame_rate_hz": min(RATE_HZ, config.frame_rate_hz)}
+        delay = _delay_us(make_camera(config.model_copy(update=changes)))
+        if delay is None:
+            return None
+        delays_us.append(delay)
+    return (delays_us[1] - delays_us[0]) / (EXPOSURES_US[1] - EXPOSURES_US[0])
+
+
+def _delay_us(camera: Camera) -> float | None:
+    """Time from stamp to arrival of a camera's frames [us]; None if its clock cannot be read."""
+    try:
+        camera.open()
+        mapper = DeviceClockMapper()
+        for _ in range(LATCHES):
+            if (reading := camera.latch_clock()) is None:
+                return None
+            mapper.add(reading)
+        camera.start()
+        found = []
+        for _ in range(FRAMES):
+            if (frame := camera.read(2.0)) is None:
+                break
+            found.append(1e-3 * (frame.host_time_ns - mapper.to_host(frame.device_time_ns)))
+            frame.buffer.release()
+        camera.stop()
+        return float(np.quantile(found, QUANTILE)) if found else None
+    finally:
+        camera.close()
+
+
+def check_stamp(measure: MeasureStamp, config: CameraConfig) -> Check:
+    """Check that the camera stamps the instant of a frame that the rig file states.
+
+    Args:
+        measure: function that measures the slope.
+        config: the rig file's settings of the camera.
+    """
+    if config.trigger != "off":
+        return skipped_check(STAMP_LINE, "pulses set the frames: try it with the trigger off")
+    try:
+        slope = measure(config)
+    except AcquireError as error:
+        return skipped_check(STAMP_LINE, f"the camera did not take two exposures ({error})")
+    if slope is None:
+        return skipped_check(STAMP_LINE, "the camera's clock cannot be read; frames have arrival times")
+    stated = "exposure_end" if config.timestamp_at == "exposure_end" else "exposure_start"
+    found = "exposure_start" if slope > START_SLOPE else "exposure_end" if slope < END_SLOPE else ""
+    measured = Measured(round(slope, 3), 1.0, "")
+    text = f"stamps move {slope:.2f} of the exposure away from the arrival"
+    if not found:
+        return failed_check(
+            STAMP_LINE, f"{text}: neither start nor end", "take load off this computer, then repeat", measured
+        )
+    if found != stated:
+        bias_ms = 1e-3 * config.exposure_us
+        return failed_check(
+            STAMP_LINE,
+            f"{text}: the camera stamps the {_words(found)}, the rig file says {_words(stated)}; frame times "
+            f"are off by {bias_ms:g} ms",
+            f'write timestamp_at = "{found}" in the rig file\'s [camera]',
+            measured,
+        )
+    return passed_check(STAMP_LINE, f"{text}: {_words(found)}, as stated", measured)
+
+
+def _words(instant: str) -> str:
+    return {"exposure_start": "start of the exposure", "exposure_end": "end of the exposure"}[instant]

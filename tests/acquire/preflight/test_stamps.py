@@ -1,0 +1,60 @@
+"""Which instant of a frame a camera stamps: measured on virtual cameras of both habits."""
+
+from __future__ import annotations
+
+import pytest
+
+from acquire.camera.aravis import AravisCamera
+from acquire.clock.clock import SystemClock
+from acquire.errors import CameraSettingError
+from acquire.preflight.check import Outcome
+from acquire.preflight.stamps import measure_stamp
+from acquire.virtual.camera_makes import MAKES
+from acquire.virtual.gige_camera import VirtualGigeCamera
+from acquire.virtual.gige_faults import CameraHabits
+from schemas.rig import CameraConfig
+from tests.acquire.capture.synthetic_rig import CALIBRATION
+from tests.acquire.preflight.bench import Bench
+from tests.acquire.virtual.pattern_source import PatternSource
+from tests.loopback import loopback
+
+
+@pytest.mark.parametrize(("make", "slope"), [("alvium-g1", 1.0), ("blackfly-s", 0.0)])
+def test_the_instant_is_found_out(make: str, slope: float) -> None:
+    clock = SystemClock()
+    address = loopback(53)
+    server = VirtualGigeCamera(
+        address, "STAMP", PatternSource(clock, 1), clock, habits=CameraHabits(make=MAKES[make])
+    )
+    try:
+        config = CameraConfig(address=address, buffers=16, calibration=CALIBRATION)
+        found = measure_stamp(lambda each: AravisCamera(each, clock), config)
+    finally:
+        server.close()
+    assert found == pytest.approx(slope, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("stamp", "stated", "outcome", "text"),
+    [
+        (1.01, "exposure_start", Outcome.PASS, "start of the exposure, as stated"),
+        (1.01, "trigger", Outcome.PASS, "start of the exposure, as stated"),
+        (0.02, "exposure_end", Outcome.PASS, "end of the exposure, as stated"),
+        (0.02, "exposure_start", Outcome.FAIL, "frame times are off by 1.5 ms"),
+        (1.0, "exposure_end", Outcome.FAIL, "frame times are off by 1.5 ms"),
+        (0.5, "exposure_start", Outcome.FAIL, "neither start nor end"),
+        (None, "exposure_start", Outcome.NOT_CHECKED, "clock cannot be read"),
+        (CameraSettingError("exposure"), "exposure_start", Outcome.NOT_CHECKED, "two exposures"),
+    ],
+)
+def test_it_is_compared_with_the_rig_file(
+    bench: Bench, stamp: float | Exception | None, stated: str, outcome: Outcome, text: str
+) -> None:
+    toml = bench.rig_path.read_text(encoding="utf-8")
+    bench.rig_path.write_text(
+        toml.replace("[camera]", f'[camera]\ntimestamp_at = "{stated}"'), encoding="utf-8"
+    )
+    bench.stamp = stamp
+    line = bench.lines()["camera stamp"]
+    assert line.outcome is outcome
+    assert text in line.found
