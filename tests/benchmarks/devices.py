@@ -1,0 +1,96 @@
+"""Every make of camera and every model of servo, simulated: what discovery, check and use give.
+
+`make bench-devices` prints two tables. A refusal states its reason. The struck session of each servo is one
+strike and one stop; the cameras stream for two seconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rich.console import Console
+from rich.table import Table
+
+from acquire.camera.aravis import AravisCamera
+from acquire.camera.discovery import identify_camera
+from acquire.clock.clock import SystemClock
+from acquire.errors import AcquireError
+from acquire.preflight.stamps import measure_stamp
+from acquire.virtual.camera_makes import MAKES, CameraMake
+from acquire.virtual.gige_camera import VirtualGigeCamera
+from acquire.virtual.gige_faults import USUAL, CameraHabits, GigeFaults
+from schemas.rig import CameraConfig
+from tests.acquire.capture.synthetic_rig import CALIBRATION
+from tests.acquire.virtual.pattern_source import PatternSource
+from tests.benchmarks.device_servos import STEPS, servo_rows
+
+ADDRESS = "127.0.0.93"
+FRAMES = 240
+CAMERA_STEPS = ("discover", "open", "stream", "stamps")
+FAULTS = {
+    "left streaming": GigeFaults(left_streaming=True),
+    "hides its clock's frequency": GigeFaults(hides_ticks=True),
+    "network of 1500 B": GigeFaults(mtu=1500),
+}
+
+
+def camera_rows() -> Iterator[tuple[str, dict[str, str]]]:
+    """Rows of a table: name of a camera, and what each of CAMERA_STEPS gave."""
+    yield "Aravis's own", _row(USUAL)
+    for make in MAKES.values():
+        yield f"{make.vendor} {make.model}", _row(CameraHabits(make=make))
+    for name, faults in FAULTS.items():
+        yield f"Mako, {name}", _row(CameraHabits(make=MAKES["mako"], faults=faults))
+
+
+def _row(habits: CameraHabits) -> dict[str, str]:
+    clock = SystemClock()
+    server = VirtualGigeCamera(ADDRESS, "BENCH", PatternSource(clock, 1), clock, habits=habits)
+    try:
+        identity = identify_camera(ADDRESS)
+        found = {"discover": "nothing answers" if identity is None else identity.model}
+        config = CameraConfig(address=ADDRESS, buffers=64, calibration=CALIBRATION)
+        try:
+            found |= _streamed(AravisCamera(config, clock))
+            slope = measure_stamp(lambda each: AravisCamera(each, clock), config)
+        except AcquireError as error:
+            return found | {"open": f"refused: {error}"}
+        stated = _stated(habits.make)
+        found["stamps"] = "unknown: no clock" if slope is None else f"slope {slope:.2f} ({stated})"
+        return found
+    finally:
+        server.close()
+
+
+def _streamed(camera: AravisCamera) -> dict[str, str]:
+    try:
+        camera.open()
+        camera.start()
+        lost = 0
+        for _ in range(FRAMES):
+            frame = camera.read(5.0)
+            if frame is None:
+                return {"open": "; ".join(camera.warnings) or "as set", "stream": "ended"}
+            lost += frame.lost_before
+            frame.buffer.release()
+        camera.stop()
+        return {"open": "; ".join(camera.warnings) or "as set", "stream": f"{FRAMES} frames, {lost} lost"}
+    finally:
+        camera.close()
+
+
+def _stated(make: CameraMake | None) -> str:
+    return "exposure_start" if make is None else make.stamp_at
+
+
+def main() -> None:
+    """Print both tables."""
+    for title, steps, rows in (("camera", CAMERA_STEPS, camera_rows()), ("servo", STEPS, servo_rows())):
+        table = Table(title, *steps)
+        for name, found in rows:
+            table.add_row(name, *(found.get(step, "") for step in steps))
+        Console(width=180).print(table)
+
+
+if __name__ == "__main__":
+    main()
