@@ -18,8 +18,8 @@ def port_problem(port: str, error: Exception) -> str:
         return f"the port is in use by another program; `fuser {port}` names it"
     if number == errno.EACCES:
         return (
-            "no permission to open the port; add yourself to its group (dialout) and log in again (a lingering "
-            "service: restart user@UID)"
+            "no permission to open the port; add yourself to its group (dialout) and log in again (for a "
+            "lingering service restart user@UID)"
         )
     problem = "is not a serial port" if Path(port).exists() else "no such serial port"
     return f"{problem}; check the cable, and `port` in the rig file"
