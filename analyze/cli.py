@@ -31,6 +31,7 @@ from analyze.verbs.register.command import register
 from analyze.verbs.replay import replay
 from analyze.verbs.report import report
 from analyze.verbs.reproduce import reproduce
+from analyze.verbs.rig_parts.command import rig_parts
 from analyze.verbs.score import score
 from analyze.verbs.shape import shape
 from analyze.verbs.watch.command import watch
@@ -68,6 +69,7 @@ for _verb in (
     rebase,
     gravity,
     parts,
+    rig_parts,
     export,
     batch,
     query,

@@ -43,7 +43,12 @@ OWNERS = {
     "rerun": {"analyze/replay/"},
     "trimesh": {"analyze/geometry/mesh_files.py"},
     "laspy": {"analyze/geometry/cloud_files.py"},
-    "manifold3d": {"analyze/fixture/", "analyze/geometry/mesh_holes.py", "analyze/geometry/mesh_repair.py"},
+    "manifold3d": {
+        "analyze/fixture/",
+        "analyze/rig_parts/",
+        "analyze/geometry/mesh_holes.py",
+        "analyze/geometry/mesh_repair.py",
+    },
     "distributed": {"analyze/batch/cluster.py"},
     "duckdb": {"analyze/batch/query.py"},
     "fsspec": {"analyze/batch/"},

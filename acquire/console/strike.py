@@ -40,7 +40,7 @@ def strike_once(socket: Path, tip_speed_m_s: float, *, yes: bool, as_json: bool)
         as_json: True to print the outcome as JSON.
 
     Returns:
-        True if exactly one contact was measured.
+        True unless the striker found that it met nothing, or touched the object more than once.
 
     Raises:
         AcquireError: the daemon cannot be reached, a session is running, the answer was no, or the striker
@@ -54,7 +54,7 @@ def strike_once(socket: Path, tip_speed_m_s: float, *, yes: bool, as_json: bool)
         if as_json
         else "\n".join(lines)
     )
-    return outcome.contacts == 1
+    return outcome.contacts <= 1 and not outcome.missed
 
 
 def planned_speed(plan_path: Path, strike_id: str, energy: float | None) -> float:

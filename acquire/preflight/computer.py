@@ -228,7 +228,8 @@ def check_port(state: PortState, port: str) -> Check:
         return failed_check(
             "serial port",
             f"{port}: belongs to group {state.group}, you may not read and write it",
-            f"sudo usermod -aG {state.group or 'dialout'} $USER, then log in again",
+            f"sudo usermod -aG {state.group or 'dialout'} $USER, then log in again (a lingering service: "
+            "sudo systemctl restart user@$(id -u))",
         )
     return passed_check("serial port", f"{port}: readable and writable")
 

@@ -100,7 +100,8 @@ def outcome_lines(outcome: StrikeOutcome, command_m_s: float) -> list[str]:
         command_m_s: commanded tip speed [m/s].
     """
     if outcome.contact_time_ns is None:
-        return [f"contact      none measured (commanded {command_m_s:.3f} m/s)"]
+        what = "none measured" if outcome.missed else "not measured by this striker"
+        return [f"contact      {what} (commanded {command_m_s:.3f} m/s)"]
     begin_ms, sd_ms = (
         (outcome.contact_time_ns - outcome.released_ns) * 1e-6,
         outcome.contact_time_sd_ns * 1e-6,

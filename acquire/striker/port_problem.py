@@ -17,6 +17,9 @@ def port_problem(port: str, error: Exception) -> str:
     if number in {errno.EAGAIN, errno.EWOULDBLOCK, errno.EBUSY}:
         return f"the port is in use by another program; `fuser {port}` names it"
     if number == errno.EACCES:
-        return "no permission to open the port; add yourself to its group (dialout)"
+        return (
+            "no permission to open the port; add yourself to its group (dialout) and log in again (for a "
+            "lingering service restart user@UID)"
+        )
     problem = "is not a serial port" if Path(port).exists() else "no such serial port"
     return f"{problem}; check the cable, and `port` in the rig file"

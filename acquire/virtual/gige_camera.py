@@ -24,6 +24,7 @@ import numpy as np
 from acquire.errors import CameraError
 from acquire.virtual import aravis_ctypes
 from acquire.virtual.camera_makes import DEFAULTS
+from acquire.virtual.device_clock import DRIFT, DeviceClock
 from acquire.virtual.gige_faults import USUAL, CameraHabits
 from acquire.virtual.gige_interposer import ControlRelay, StreamRelay, Told
 from acquire.virtual.gige_sockets import (
@@ -42,10 +43,6 @@ if TYPE_CHECKING:
 from acquire.virtual.image_source import ImageSource, StreamSettings
 
 SENSOR_WIDTH, SENSOR_HEIGHT = 656, 492
-DRIFT = 37e-6
-"""default relative rate error of the camera's clock"""
-CLOCK_OFFSET_NS = 5_000_000_000
-"""default time of the camera's own clock at its construction [ns]"""
 QUEUE_SLOTS = 32
 """number of exposures whose images were not sent yet at which rendering pauses; it catches up later"""
 WIRE_BYTES_S = 125e6
@@ -84,36 +81,6 @@ class _Slot:
 
     device_time_ns: int
     image: NDArray[np.uint8]
-
-
-class DeviceClock:
-    """Clock of the virtual camera: offset and constant rate error against the host's monotonic clock.
-
-    Does not model temperature.
-
-    Args:
-        clock: the host's clock.
-        drift: relative rate error against the host's clock.
-        offset_ns: time of the virtual camera's clock at construction [ns].
-    """
-
-    def __init__(self, clock: Clock, drift: float = DRIFT, offset_ns: int = CLOCK_OFFSET_NS) -> None:
-        self._clock, self._drift, self._offset_ns = clock, drift, offset_ns
-        self._host0_ns = clock.monotonic_ns()
-
-    def now_ns(self) -> int:
-        """Time now on the virtual camera's clock [ns]."""
-        return self.to_device(self._clock.monotonic_ns())
-
-    def to_device(self, host_ns: int) -> int:
-        """Time on the virtual camera's clock [ns] at a host monotonic time [ns]."""
-        elapsed = host_ns - self._host0_ns
-        return self._offset_ns + elapsed + round(elapsed * self._drift)
-
-    def to_host(self, device_ns: int) -> int:
-        """Host monotonic time [ns] at a time on the virtual camera's clock [ns]; inverse of `to_device`."""
-        elapsed = device_ns - self._offset_ns
-        return self._host0_ns + elapsed - round(elapsed * self._drift / (1.0 + self._drift))
 
 
 class VirtualGigeCamera:

@@ -247,3 +247,18 @@ def test_planning_needs_no_camera_address(tmp_path: Path) -> None:
     path = rig_file(tmp_path / "rig.toml", camera="frame_rate_hz = 60")
     path.write_text(path.read_text(encoding="utf-8").replace('address = "10.0.0.2"\n', ""), encoding="utf-8")
     assert planned_rig(path).bench.frame_rate == 60
+
+
+def test_a_plan_for_a_board_keeps_to_the_stated_speeds(prepared: PreparedObject) -> None:
+    """However fast the arm of its default length and cocked angle would be."""
+    config = StrikerConfig(kind="serial", speed_range_m_s=(0.2, 0.6))
+    bench = replace(prepared.bench, striker=striker_model(config))
+    mine = prepare_object(prepared.model, prepared.spec, bench)
+    strikes = plan_strikes(mine, "0" * 64, PlanRequest(6)).strikes
+    assert strikes
+    for strike in strikes:
+        for speed in (strike.aim.tip_speed_m_s.min, strike.aim.tip_speed_m_s.max):
+            assert config.tip_speeds().allow(speed)
+            assert 200 <= round(1000 * speed) <= 600  # as it is ordered
+    by_hand = StrikerConfig(kind="manual", arm_length_m=0.3)
+    assert striker_model(by_hand).fastest_m_s == StrikerModel().fastest_m_s

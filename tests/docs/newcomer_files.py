@@ -128,3 +128,10 @@ def _frames(path: Path) -> Iterator[Image]:
 def _write_image(path: Path, image: Image) -> None:
     if not cv2.imwrite(str(path), image):
         raise OSError(f"{path}: not written")
+
+
+def write_block_and_rig(folder: Path) -> None:
+    """Write `rig.toml` as on the page on the rig file, and `block.toml` as in the build guide."""
+    for page, name, word in (("rig", "rig.toml", "[camera]"), ("hardware", "block.toml", '"block"')):
+        found = [body for body in snippets(DOCS / "how-to" / f"{page}.md", "toml") if word in body]
+        (folder / name).write_text(found[0], encoding="utf-8")

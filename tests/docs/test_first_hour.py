@@ -44,12 +44,18 @@ HOW_TO = sorted(
 NOT_RUN = {
     ("docs/how-to/cluster.md", ".*"): "needs other computers",
     ("docs/how-to/hardware.md", "PERCUSS_RIG=.*"): "needs a real camera and servo: the tests of both",
+    ("docs/how-to/hardware.md", "sudo .*"): "changes the system: tests/docs/test_service_files.py",
+    ("docs/how-to/hardware.md", "(acquire session|analyze estimate) block.*"): "needs a rig, and the block",
     (
         "docs/how-to/session.md",
         "acquire strike --calibrate .*",
     ): "needs bodies hung on a thread before the arm",
     ("docs/how-to/archive.md", "analyze batch 's3://.*"): "needs a bucket: tests/analyze/batch",
     ("docs/how-to/install.md", "podman .*"): "needs a builder: tests/docs/test_containers.py",
+    (
+        "docs/how-to/install.md",
+        r"sudo apt .*|.*-m venv \.venv .*|\.venv/bin/.*",
+    ): "needs a computer with another system",
 }
 """why lines of a page (regular expression, whole line without its comment) are not run"""
 ON_A_RIG = "acquire .*|analyze .*(--rig|first.mcap) .*"
@@ -58,6 +64,7 @@ GIVEN = {
     "docs/how-to/calibrate-camera.md": newcomer_files.write_board_images,
     "docs/how-to/fixtures.md": newcomer_files.write_objects_for_fixtures,
     "docs/how-to/frame-rate.md": newcomer_files.write_drop,
+    "docs/how-to/hardware.md": newcomer_files.write_block_and_rig,
     "docs/how-to/gravity.md": newcomer_files.write_plumb_line,
     "docs/how-to/import-topics.md": newcomer_files.write_topics,
     "docs/how-to/import-videos.md": newcomer_files.write_one_video,

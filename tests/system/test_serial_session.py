@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import json
 import math
+import threading
+import time
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
+from acquire.clock.clock import SystemClock
 from acquire.daemon.client import DaemonClient
+from acquire.errors import StrikerFault, StrikerStopped
+from acquire.striker.board_lines import BoardState
+from acquire.striker.board_link import BoardLink
 from acquire.virtual.truth import merge_truth
 from analyze.cli import main as analyze
 from analyze.reading.recording import open_recording
@@ -61,3 +67,54 @@ def test_a_board_that_is_unplugged_in_a_session_is_waited_for() -> None:
         assert not report.aborted, rig.said
         assert report.strikes >= 3
         assert any("waiting for the striker" in text for text in rig.said), rig.said
+
+
+def test_a_killed_daemon_leaves_a_board_that_cannot_fire() -> None:
+    """Half a second after kill -9 the board has disarmed itself, and the arm has not moved."""
+    with session_rig("serial") as rig:
+        world = rig.world()
+        with DaemonClient(rig.daemon.socket) as client:
+            for order in ("home", "arm", "cock"):
+                client.call(f"striker.{order}")
+            before = world.state()["arm_angle"]
+            rig.daemon.process.kill()
+            rig.daemon.process.wait()
+        time.sleep(0.5)
+        link = BoardLink(str(rig.folder / "ttyBoard"), 1_000_000, SystemClock())
+        link.open()
+        try:
+            assert link.status("state").state is BoardState.SAFE
+            with pytest.raises(StrikerFault, match="not-armed"):
+                link.fire(300)
+        finally:
+            link.close()
+        assert abs(world.state()["arm_angle"] - before) < 0.01
+
+
+def test_a_stop_in_a_strike_reaches_the_board_while_another_client_waits() -> None:
+    with session_rig("serial") as rig:
+        world, raised = rig.world(), []
+        with DaemonClient(rig.daemon.socket) as client, DaemonClient(rig.daemon.socket) as other:
+            for order in ("home", "arm", "cock"):
+                client.call(f"striker.{order}")
+
+            def strike() -> None:
+                try:
+                    client.call("striker.strike", strike_id="s", tip_speed_m_s=0.1)
+                except StrikerStopped as error:
+                    raised.append(error)
+
+            thread = threading.Thread(target=strike)
+            thread.start()
+            deadline = time.monotonic() + 2
+            while world.state()["arm_velocity"] < 0.3 and time.monotonic() < deadline:
+                time.sleep(0.005)
+            asked = time.monotonic()
+            other.call("striker.stop")
+            while world.state()["arm_velocity"] > 0 and time.monotonic() < deadline:
+                time.sleep(0.002)
+            stopped_s = time.monotonic() - asked
+            thread.join()
+        assert raised
+        assert stopped_s < 0.1
+        assert world.state()["arm_angle"] < 0

@@ -21,10 +21,11 @@ ISR(TIMER1_COMPA_vect) { digitalWrite(DRIVE, LOW); TIMSK1 = 0; }   // ends the p
 
 void felt() {
   unsigned long now = micros();
-  if (state != FIRED || (contacts && now - touched < BOUNCE)) { touched = now; return; }
-  if (!contacts) contact = now;
+  if (state == FIRED && (!contacts || now - touched > BOUNCE)) {
+    if (!contacts) contact = now;
+    contacts++;
+  }
   touched = now;
-  contacts++;
 }
 
 void drive(long ms) {
@@ -36,18 +37,18 @@ void drive(long ms) {
 }
 
 const char *obey(const char *verb, long value) {           // refusal, or 0
-  if (!strcmp(verb, "stop")) { digitalWrite(DRIVE, LOW); state = SAFE; return 0; }
   if (!strcmp(verb, "state")) return 0;
-  if (!strcmp(verb, "arm")) {
-    if (value <= 0) return "argument";
-    digitalWrite(DRIVE, LOW);
-    contacts = 0; armed = millis(); arming = min((unsigned long)value, LONGEST_ARMING); state = ARMED;
+  if (!strcmp(verb, "fire")) {
+    if (state != ARMED || digitalRead(DRAWN_BACK)) return "not-armed";
+    if (value < SLOWEST || value > FASTEST) return "speed";
+    drive(constrain(map(value, SLOWEST, FASTEST, PULSE_SLOWEST, PULSE_FASTEST), 0, 250));
     return 0;
   }
-  if (strcmp(verb, "fire")) return "verb";
-  if (state != ARMED || digitalRead(DRAWN_BACK)) return "not-armed";
-  if (value < SLOWEST || value > FASTEST) return "speed";
-  drive(constrain(map(value, SLOWEST, FASTEST, PULSE_SLOWEST, PULSE_FASTEST), 0, 250));
+  if (strcmp(verb, "stop") && strcmp(verb, "arm")) return "verb";
+  digitalWrite(DRIVE, LOW); contacts = 0; state = SAFE;
+  if (!strcmp(verb, "stop")) return 0;
+  if (value <= 0) return "argument";
+  armed = millis(); arming = min((unsigned long)value, LONGEST_ARMING); state = ARMED;
   return 0;
 }
 
@@ -65,7 +66,8 @@ void answer() {
   else if (const char *why = obey(verb, value)) snprintf(reply, 60, "%u refused %s", number, why);
   else {
     noInterrupts(); unsigned long f = fired, c = contact; unsigned int n = contacts; interrupts();
-    const char *name = state == SAFE ? "safe" : state == FIRED ? "fired" : digitalRead(DRAWN_BACK) ? "loading" : "armed";
+    const char *name = digitalRead(DRAWN_BACK) ? "loading" : "armed";
+    if (state != ARMED) name = state == SAFE ? "safe" : "fired";
     snprintf(reply, 60, "%u %s %lu %u %lu 0 0", number, name, f, n, c);
   }
   uint8_t sum = check(reply);

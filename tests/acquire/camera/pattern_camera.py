@@ -9,7 +9,8 @@ import json
 import sys
 
 from acquire.clock.clock import SystemClock
-from acquire.virtual.gige_camera import DRIFT, VirtualGigeCamera
+from acquire.virtual.device_clock import DRIFT
+from acquire.virtual.gige_camera import VirtualGigeCamera
 from tests.acquire.virtual.pattern_source import PatternSource
 
 if __name__ == "__main__":

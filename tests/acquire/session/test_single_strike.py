@@ -49,6 +49,8 @@ class Daemon:
     recording: str | None = None
     homed: bool = False
     meets: bool = True
+    feels: bool = True
+    """False for a striker that senses no contact"""
     misses: int = 0
     fails: type[Exception] | None = None
 
@@ -86,12 +88,13 @@ class Daemon:
             raise self.fails("the arm is jammed")
         self.homed = False
         meets, self.misses = self.meets and not self.misses, max(self.misses - 1, 0)
+        if not meets:
+            speed = 0.0 if self.feels else None
+            return asdict(StrikeOutcome(None, 0.0, speed, 0.0, None, 0.0, 0, 10**9))
         speed = 0.98 * params["tip_speed_m_s"]
         impulse = MASS * 0.25 * speed
         sd = impulse * ((MASS_SD / MASS) ** 2 + 0.1**2) ** 0.5
-        return asdict(
-            StrikeOutcome(1_200_000_000 if meets else None, 2e5, speed, 0.002, impulse, sd, int(meets), 10**9)
-        )
+        return asdict(StrikeOutcome(1_200_000_000, 2e5, speed, 0.002, impulse, sd, 1, 10**9))
 
     @property
     def orders(self) -> list[str]:
@@ -152,6 +155,13 @@ def test_missed_strike_exits_with_3(daemon: Daemon, tmp_path: Path) -> None:
     result = run(tmp_path, "--speed", "0.3", "--yes", "--json")
     assert result.exit_code == 3
     assert json.loads(result.stdout)["contact_time_ns"] is None
+
+
+def test_a_striker_that_feels_nothing_reports_no_miss(daemon: Daemon, tmp_path: Path) -> None:
+    daemon.meets = daemon.feels = False
+    result = run(tmp_path, "--speed", "0.3", "--yes")
+    assert result.exit_code == 0
+    assert "not measured by this striker" in result.stdout
 
 
 @pytest.mark.parametrize(

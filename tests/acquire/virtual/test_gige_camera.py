@@ -15,7 +15,8 @@ import pytest
 from acquire.camera.discovery import identify_camera, is_controlled
 from acquire.clock.clock import SystemClock
 from acquire.errors import CameraError
-from acquire.virtual.gige_camera import DeviceClock, VirtualGigeCamera
+from acquire.virtual.device_clock import DeviceClock
+from acquire.virtual.gige_camera import VirtualGigeCamera
 from acquire.virtual.gige_sockets import descriptors, free_address, udp_socket
 from acquire.virtual.image_source import StreamSettings
 from tests.acquire.virtual.pattern_source import PatternSource, noise, read_stamp, stamped

@@ -1,0 +1,1 @@
+"""The command `analyze rig-parts`."""
