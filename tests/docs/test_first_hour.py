@@ -45,7 +45,7 @@ NOT_RUN = {
     ("docs/how-to/cluster.md", ".*"): "needs other computers",
     ("docs/how-to/hardware.md", "PERCUSS_RIG=.*"): "needs a real camera and servo: the tests of both",
     ("docs/how-to/hardware.md", "sudo .*"): "changes the system: tests/docs/test_service_files.py",
-    ("docs/how-to/hardware.md", "(acquire session|analyze estimate) block.*"): "needs a rig, and the block",
+    ("docs/how-to/hardware.md", "(acquire (run|session)|analyze estimate) .*"): "needs a rig, and the block",
     (
         "docs/how-to/session.md",
         "acquire strike --calibrate .*",

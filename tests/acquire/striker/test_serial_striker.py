@@ -217,6 +217,40 @@ def test_an_order_to_fire_that_is_lost_is_not_repeated(
     assert bench.touches == []
 
 
+def test_an_order_to_fire_whose_reply_is_lost_is_carried_out_once(
+    striker: SerialStriker, bench: BoardBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ready(striker)
+    sent: list[tuple[object, ...]] = []
+    exchange = striker._link._exchange
+
+    def lossy(wait_ns: int, *words: object) -> Any:
+        sent.append(words)
+        reply = exchange(wait_ns, *words)
+        return None if words[0] == "fire" else reply
+
+    monkeypatch.setattr(striker._link, "_exchange", lossy)
+    assert striker.strike("s1", 0.5).contacts == 1
+    assert [words[0] for words in sent].count("fire") == 1
+    assert len(bench.touches) == 1
+
+
+def test_a_stop_while_the_striker_is_drawn_back_ends_the_wait(
+    striker: SerialStriker, bench: BoardBench
+) -> None:
+    bench.held.set()
+    assert wait_for(lambda: bench.angle > -0.2, 0.2)
+    striker.home()
+    striker.arm()
+    stopper = threading.Timer(0.15, striker.stop)
+    stopper.start()
+    with pytest.raises(StrikerStopped):
+        striker.cock()
+    stopper.join()
+    assert bench.state() == "safe"
+    assert striker.state is StrikerState.DISARMED
+
+
 def test_a_fault_of_the_board_is_named(striker: SerialStriker, bench: BoardBench) -> None:
     striker.home()
     striker.arm()

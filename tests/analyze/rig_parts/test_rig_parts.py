@@ -25,6 +25,7 @@ from analyze.rig_parts.drawing import drawing_svg
 from analyze.rig_parts.solids import RigPart, circle_of
 from analyze.rig_parts.striker_parts import HORNS, HUB_CIRCLE
 from schemas.rig import StrikerConfig
+from tests.places import ROOT
 from tests.rig_text import CALIBRATION
 
 NAMES = ("arm", "pad", "horn-xm430", "horn-xl330", "bearing-hub", "camera-holder", "mat-clamp")
@@ -134,6 +135,17 @@ def test_drawings_show_the_lengths_of_the_mesh(name: str) -> None:
     size = np.ptp(drawn.mesh.vertices, axis=0)
     assert any(abs(size[0] - each) < 0.05 for each in written)
     assert any(abs(size[2] - each) < 0.05 for each in written)
+
+
+def test_the_guides_drawing_is_that_of_the_arm() -> None:
+    texts = [
+        re.findall(r">([^<>]+)</text>", svg)
+        for svg in (
+            (ROOT / "docs/images/rig-arm.svg").read_text(encoding="utf-8"),
+            drawing_svg(part("arm")),
+        )
+    ]
+    assert texts[0] == texts[1]
 
 
 def test_the_command_takes_the_arm_of_the_rig_file(tmp_path: Path) -> None:
