@@ -145,7 +145,7 @@ def run(rig: Path, as_json: bool, parent: int | None) -> None:
     "--countdown",
     "countdown_s",
     default=0.0,
-    type=click.FloatRange(0, 60),
+    type=NumberRange(0, 60),
     help="Wait this many seconds before every arming.  [default: none]",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")

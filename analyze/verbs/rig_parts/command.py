@@ -11,6 +11,7 @@ import click
 from analyze.verbs.options import force_option, one_line, path_option
 from schemas.command_line import NumberRange
 from schemas.plain_text import echo
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from analyze.rig_parts.all_parts import RigPrints
@@ -106,7 +107,7 @@ def _lines(prints: RigPrints, striker: StrikerConfig, files: list[Path]) -> list
         f"{1000 * wanted:.0f} g: screw {alone:.0f} g of steel to the tip, or {with_rotor:.0f} g on an XM430, "
         f"whose rotor counts as {1000 * rotor:.0f} g"
     )
-    lines.append(f"{len(files)} files in {files[0].parent}")
+    lines.append(f"{counted(len(files), 'file')} in {files[0].parent}")
     return lines
 
 
