@@ -15,6 +15,7 @@ import pytest
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from schemas.striker_kind import STRIKER_KINDS
 from tests.source_tree import (
     MADE_AT_RUN_TIME,
     ROOT,
@@ -287,6 +288,19 @@ def test_every_form_of_import_is_recognised(line, name, tmp_path, monkeypatch):
 
 def test_only_named_modules_use_opencv():
     assert not _violations(lambda path, module: _top(module) == "cv2" and not path.startswith(CV2_ALLOWED))
+
+
+def test_no_code_asks_for_the_kind_of_striker():
+    """Only the factory (acquire/striker/kinds.py) maps a kind to a class; others ask for its properties."""
+    found = [
+        f"{name_of(path)}:{node.lineno}: compares with {side.value!r}"
+        for path in SOURCES
+        for node in nodes_of(path)
+        if isinstance(node, ast.Compare)
+        for side in (node.left, *node.comparators)
+        if isinstance(side, ast.Constant) and side.value in STRIKER_KINDS
+    ]
+    assert not found
 
 
 def test_pickle_and_shells_are_not_used():

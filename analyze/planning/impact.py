@@ -45,7 +45,7 @@ class StrikerModel:
     """Effective mass at the tip [kg]."""
     restitution: float = 0.4
     """Coefficient of restitution of the impact."""
-    effective_mass_sd_kg: float = 0.1
+    effective_mass_sd_kg: float = 0.05
     """1 sigma of the effective mass [kg]."""
     restitution_sd: float = 0.15
     """1 sigma of the restitution."""

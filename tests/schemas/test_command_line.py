@@ -85,6 +85,8 @@ def test_no_option_of_either_command_accepts_nan() -> None:
     ]
     assert {option.name for option in floats} == {
         "speed",
+        "arm_length_mm",
+        "countdown_s",
         "capture_fps_sd",
         "energy",
         "bodies",
@@ -97,7 +99,6 @@ def test_no_option_of_either_command_accepts_nan() -> None:
         "time_limit",
         "capture_fps",
         "bed_mm",
-        "countdown_s",
         "infill",
         "turn_sd_deg",
         "place_sd_mm",

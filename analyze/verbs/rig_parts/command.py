@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from analyze.verbs.options import force_option, one_line, path_option
+from analyze.verbs.options import one_line
 from schemas.command_line import NumberRange
 from schemas.plain_text import echo
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from analyze.rig_parts.all_parts import RigPrints
@@ -22,9 +23,10 @@ ROTOR_KG_M2 = 0.0012
 
 @click.command("rig-parts")
 @click.argument("rig", required=False, type=click.Path(path_type=Path))
-@path_option(
+@click.option(
     "-o",
     "--output",
+    type=click.Path(path_type=Path, file_okay=False),
     default=Path("rig-parts"),
     show_default=True,
     help="Folder to write to; it is created if it is missing.",
@@ -34,12 +36,9 @@ ROTOR_KG_M2 = 0.0012
     type=NumberRange(1, 2000),
     help="Length of the arm from the hinge's axis to the tip.  [default: that of RIG, else 120]",
 )
-@force_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @one_line
-def rig_parts(
-    rig: Path | None, output: Path, arm_length_mm: float | None, force: bool, as_json: bool
-) -> None:
+def rig_parts(rig: Path | None, output: Path, arm_length_mm: float | None, as_json: bool) -> None:
     """Write the printable parts of RIG (a rig file, TOML): STL, 3MF and a dimensioned drawing of each.
 
     They are arm, pad, adapters to the horns of XM430 and XL330, a hub on ball bearings for a pendulum, a
@@ -53,7 +52,7 @@ def rig_parts(
     striker = config.striker if config is not None else StrikerConfig()
     length_m = striker.arm_length_m if arm_length_mm is None else arm_length_mm / 1000
     prints = rig_prints(length_m)
-    files = _write(prints, output, force=force)
+    files = _write(prints, output)
     if as_json:
         echo(json.dumps(_as_json(prints, files), allow_nan=False))
         return
@@ -61,29 +60,31 @@ def rig_parts(
         echo(line)
 
 
-def _write(prints: RigPrints, folder: Path, *, force: bool) -> list[Path]:
-    """Write STL, 3MF and drawing of each part into a folder; return the files.
+def _write(prints: RigPrints, folder: Path) -> list[Path]:
+    """Write STL, 3MF and drawing of each part into a folder, and return the files; older ones are replaced.
 
     Raises:
-        OutputError: a file exists and `force` is False, or cannot be written.
+        OutputError: the folder cannot be made, or a file cannot be written.
     """
     from analyze.fixture.print_files import stl_bytes, three_mf_bytes
     from analyze.rig_parts.drawing import drawing_svg
     from schemas.output_file import OutputError, write_bytes
 
-    named = [folder / f"{each.part.name}{end}" for each in prints.parts for end in (".stl", ".3mf", ".svg")]
-    if not force and (taken := next((path for path in named if path.exists()), None)) is not None:
-        raise OutputError(f"{taken}: exists: give --force to replace the parts, or another folder with -o")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be made: {error.strerror}: choose another place") from None
+    written: list[Path] = []
     for each in prints.parts:
-        mesh, base = each.part.mesh, folder / each.part.name
-        write_bytes(base.with_suffix(".stl"), stl_bytes(mesh))
-        write_bytes(base.with_suffix(".3mf"), three_mf_bytes(mesh, each.part.name))
-        write_bytes(base.with_suffix(".svg"), drawing_svg(each.part).encode("utf-8"))
-    return named
+        mesh, name = each.part.mesh, each.part.name
+        for suffix, data in (
+            (".stl", stl_bytes(mesh)),
+            (".3mf", three_mf_bytes(mesh, name)),
+            (".svg", drawing_svg(each.part).encode("utf-8")),
+        ):
+            written.append(folder / f"{name}{suffix}")
+            write_bytes(written[-1], data)
+    return written
 
 
 def _lines(prints: RigPrints, striker: StrikerConfig, files: list[Path]) -> list[str]:
@@ -106,7 +107,7 @@ def _lines(prints: RigPrints, striker: StrikerConfig, files: list[Path]) -> list
         f"{1000 * wanted:.0f} g: screw {alone:.0f} g of steel to the tip, or {with_rotor:.0f} g on an XM430, "
         f"whose rotor counts as {1000 * rotor:.0f} g"
     )
-    lines.append(f"{len(files)} files in {files[0].parent}")
+    lines.append(f"{counted(len(files), 'file')} in {files[0].parent}")
     return lines
 
 

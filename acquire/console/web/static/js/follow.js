@@ -58,7 +58,7 @@ function placeSign(prompt) {
 function armedSign(armed) {
   if (isNumber(armed?.countdown_s)) {
     const seconds = Math.ceil(Math.max(0, armed.countdown_s));
-    return { word: `ARMS IN ${seconds}`, tone: "armed", text: "The striker strikes after that. Step back." };
+    return { word: `ARMING ${seconds}`, tone: "armed", text: "The striker strikes after that. Step back." };
   }
   return { word: "ARMED", tone: "armed", text: "The striker is about to strike. Keep clear." };
 }
