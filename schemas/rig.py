@@ -128,7 +128,7 @@ class StrikerConfig(Document):
         le=10,
         description="effective mass at the tip [kg]: moment of inertia / arm length^2",
     )
-    effective_mass_sd_kg: float = Field(default=0.1, ge=0, le=10, description="1 sigma of it")
+    effective_mass_sd_kg: float = Field(default=0.05, ge=0, le=10, description="1 sigma of it")
     restitution: float = Field(
         default=0.4, ge=0, le=1, description="coefficient of restitution of tip and object"
     )

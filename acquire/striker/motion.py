@@ -127,13 +127,13 @@ class ArmMotion:
         """Keep a sample for a brake.
 
         Raises:
-            StrikerFault: the servo's clock has jumped since the last one, as a restart makes it.
+            StrikerFault: the servo's clock has jumped since the last one, and its torque is off: it restarted.
         """
         last = self._recent[-1] if self._recent else sample
         if sample.time_ns - last.time_ns < MAX_UNWATCHED_NS:
             expected = last.tick_ms + (sample.time_ns - last.time_ns) // 1_000_000
             jump_ms = (sample.tick_ms - expected + TICK_WRAP // 2) % TICK_WRAP - TICK_WRAP // 2
-            if abs(jump_ms) > MAX_TICK_JUMP_MS:
+            if abs(jump_ms) > MAX_TICK_JUMP_MS and not self._servo.has_torque():
                 self.forget()
                 raise StrikerFault(
                     f"{self._config.port}: the servo restarted while the arm moved, so its supply voltage "

@@ -330,6 +330,14 @@ class Servo:
         """
         self._bus.write(self._table["Torque Enable"], 0)
 
+    def has_torque(self) -> bool:
+        """True if the torque is on, as the servo reports now; it is off after a restart.
+
+        Raises:
+            StrikerLost: the servo does not answer.
+        """
+        return self._bus.read(self._table["Torque Enable"]) == 1
+
     def start_watchdog(self) -> None:
         """Start the servo's bus watchdog: from now on, 60 ms of silence on the bus stop the motor.
 
