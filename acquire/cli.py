@@ -355,7 +355,9 @@ def _device_options(options: dict[str, Any]) -> Any:
     from acquire.virtual.devices import DeviceOptions
     from acquire.virtual.gige_sockets import free_address
 
-    given = {name: options.pop(name) for name in ("object_name", "seed", "address", "truth", "striker")}
+    given = {
+        name: options.pop(name) for name in ("object_name", "seed", "address", "truth", "striker", "camera")
+    }
     refuse_truth_of_ours(given["object_name"], given["truth"])
     return DeviceOptions(
         given["object_name"],
@@ -363,6 +365,7 @@ def _device_options(options: dict[str, Any]) -> Any:
         given["address"] or free_address(),
         given["truth"],
         given["striker"],
+        given["camera"],
     )
 
 

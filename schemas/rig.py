@@ -11,6 +11,7 @@ from typing import ClassVar, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
+from schemas.camera_kind import CAMERA_KINDS, CameraKind, CameraKindName, PixelFormatName
 from schemas.document import Document
 from schemas.rig_limits import ARM_LENGTH_M, COCKED_ANGLE_RAD, VELOCITY_LIMIT_RAD_S, TipSpeeds, tip_speeds
 from schemas.servo_models import SERVO_MODELS, ModelName
@@ -30,14 +31,19 @@ MAX_BYTES = 1 << 50
 
 
 class CameraConfig(Document):
-    """GigE Vision camera: address, region of interest, stream settings, calibration and pose.
+    """Camera: kind, address, region of interest, stream settings, calibration and pose.
 
     The calibration is that of the region of interest, with the camera's pose in W, the world frame.
     """
 
     name: str = Field(default="main", pattern=r"^[a-z][a-z0-9_]*$")
     """name of the camera in the recording's topics"""
-    address: str = Field(description="IP address, or the device id that `acquire discover` prints")
+    kind: CameraKindName = Field(
+        default="gige", description="gige and usb3: GigE and USB3 Vision; v4l2: webcam or other video device"
+    )
+    address: str = Field(
+        description="IP address, device id or path of the device, as `acquire discover` prints it"
+    )
     width: int = Field(
         default=656, gt=0, le=MAX_SENSOR_PX, description="width of the region of interest [px]"
     )
@@ -50,8 +56,9 @@ class CameraConfig(Document):
     offset_y: int = Field(
         default=0, ge=0, le=MAX_SENSOR_PX, description="first row of the region on the sensor [px]"
     )
-    pixel_format: Literal["Mono8"] = Field(
-        default="Mono8", description="Mono8 only: recorder and tracking take no other format"
+    pixel_format: PixelFormatName = Field(
+        default="Mono8",
+        description="format in which the camera sends images, recorded grey; v4l2: YUYV or MJPG too",
     )
     frame_rate_hz: float = Field(
         default=120.0, ge=0.01, le=1e5, description="frame rate [Hz]; with a trigger the rate of its pulses"
@@ -72,9 +79,9 @@ class CameraConfig(Document):
         pattern=r"^(off|Line[0-9]+)$",
         description="off: the camera runs freely; otherwise the input line whose rising edge starts a frame",
     )
-    packet_size: int = Field(default=8192, ge=576, le=9000, description="size of GVSP packets [bytes]")
+    packet_size: int = Field(default=8192, ge=576, le=9000, description="gige: size of GVSP packets [bytes]")
     receive_buffer_bytes: int = Field(
-        default=16 << 20, gt=0, lt=1 << 31, description="socket receive buffer [bytes]"
+        default=16 << 20, gt=0, lt=1 << 31, description="gige: socket receive buffer [bytes]"
     )
     buffers: int = Field(default=64, ge=8, le=100_000, description="number of frame buffers")
     stall_s: float = Field(
@@ -86,6 +93,30 @@ class CameraConfig(Document):
     calibration: CameraCalibrationSpec = Field(
         description="width, height, K, distortion and T_world_camera: docs/how-to/rig.md"
     )
+
+    @property
+    def traits(self) -> CameraKind:
+        """Properties that follow from the kind of camera: network, USB, trigger, formats."""
+        return CAMERA_KINDS[self.kind]
+
+    @model_validator(mode="after")
+    def _possible_for_the_kind(self) -> Self:
+        traits = self.traits
+        if self.pixel_format not in traits.pixel_formats:
+            raise ValueError(
+                f'pixel_format = "{self.pixel_format}" is not one of {traits.description}: '
+                f"write {' or '.join(traits.pixel_formats)}"
+            )
+        if self.trigger != "off" and not traits.can_be_triggered:
+            raise ValueError(
+                f'trigger = "{self.trigger}": {traits.description} has no trigger input: write "off"'
+            )
+        if (self.offset_x or self.offset_y) and not traits.has_offsets:
+            raise ValueError(
+                f"offset_x, offset_y = {self.offset_x}, {self.offset_y}: {traits.description} gives whole "
+                "images: write 0"
+            )
+        return self
 
 
 class StrikerConfig(Document):

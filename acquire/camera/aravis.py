@@ -1,4 +1,4 @@
-"""GigE Vision camera through the library Aravis 0.8; one file, because its threads share one connection."""
+"""Camera through the library Aravis 0.8; one file, because its threads share one connection."""
 
 from __future__ import annotations
 
@@ -7,31 +7,22 @@ from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
 
 from acquire.camera.aravis_library import Connection, aravis_and_glib, close_connection, drain, reason
+from acquire.camera.aravis_link import AravisLink, GigeLink
 from acquire.camera.base import Camera, CameraInfo
-from acquire.camera.discovery import identify_camera, wait_for_control
 from acquire.camera.frame_loss import FrameLoss
-from acquire.camera.receive_buffer import enlarge_receive_buffer
-from acquire.camera.sender_filter import ForeignPackets, SenderFilter
 from acquire.camera.settings import write_settings
-from acquire.camera.stream_socket import find_udp_socket
-from acquire.camera.subnet import not_found_remedy
 from acquire.clock.reading import ClockReading
-from acquire.errors import CameraError, CameraLost, CameraNotFound
+from acquire.errors import CameraError, CameraLost
 from acquire.frames.buffer_pool import BufferPool
 from acquire.frames.frame import Frame
 from schemas.wording import counted
 
 if TYPE_CHECKING:
+    from acquire.camera.sender_filter import ForeignPackets
     from acquire.clock.clock import Clock
     from schemas.rig import CameraConfig
 
-_LATCH, _LATCH_HIGH, _LATCH_LOW, _TICKS_HIGH, _TICKS_LOW = 0x944, 0x948, 0x94C, 0x93C, 0x940
-"""bootstrap registers: timestamp control, latched value, tick frequency"""
-_SOURCE_PORT = 0xD1C
-"""bootstrap register: UDP port from which images are sent; 0 where it is not supported"""
-_LATCH_NOW = 2
 _POP_TIMEOUT_US = 100_000
-_ARAVIS_RETENTION_US, _LONGEST_RETENTION_US = 100_000, 1_000_000
 _CLOSE_JOIN_S = 1.0
 OPEN_S = 20.0
 """longest time for connecting and all settings [s]
@@ -44,7 +35,7 @@ was set, or it restarted"""
 
 
 class AravisCamera(Camera):
-    """A GigE Vision camera. Order of calls: open, start, read (repeatedly), stop, close.
+    """A GigE or USB3 Vision camera. Order of calls: open, start, read (repeatedly), stop, close.
 
     Frames are popped on the caller's thread: Python in a stream callback blocks reception (Aravis #171) or
     crashes (#453). A frame's image is a view of its buffer in memory that the camera's BufferPool owns; the
@@ -55,11 +46,19 @@ class AravisCamera(Camera):
         clock: the host's clock.
         borrowable_frames: number of frames whose buffers may be borrowed (kept after the next read) at a
             time; these buffers are in addition to those of the configuration.
+        link: GigE or USB.
     """
 
-    def __init__(self, config: CameraConfig, clock: Clock, borrowable_frames: int = 0) -> None:
+    def __init__(
+        self,
+        config: CameraConfig,
+        clock: Clock,
+        borrowable_frames: int = 0,
+        link: type[AravisLink] = GigeLink,
+    ) -> None:
         """Prepare a camera that is not connected yet; nothing is sent to it before `open`."""
         self._config, self._clock = config, clock
+        self._link = link(config, clock)
         self._borrowable_frames = borrowable_frames
         self._connection: Connection | None = None
         self._lost = threading.Event()
@@ -68,28 +67,25 @@ class AravisCamera(Camera):
         self._closer: threading.Thread | None = None
         self._slots: dict[int, int] = {}
         self._exposure_us, self._frame_rate_hz = config.exposure_us, config.frame_rate_hz
-        self._ticks_hz = 0
         self._latched_once = False
         self._loss = FrameLoss(config.frame_rate_hz)
         self._sequence = 0
         self._last_frame_ns = 0
         self._last_device_ns: int | None = None
         self._exposed_after_ns = -1
-        self.receive_buffer_bytes = 0
-        """effective size of the stream's socket buffer; 0 before open"""
         self.incomplete_frames = 0
         """frames that arrived with packets missing; they are counted as lost too"""
-        self._warnings: list[str] = []
-        self._senders: SenderFilter | None = None
         self._size = (0, 0)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Limitations of the camera's clock and the stream's receive buffer, found since `open`.
+        """Limitations of clock and stream found since `open`, a line of text each; empty if none."""
+        return tuple(self._link.warnings)
 
-        One line of text each; empty if there are none.
-        """
-        return tuple(self._warnings)
+    @property
+    def receive_buffer_bytes(self) -> int:
+        """Effective size of the stream's socket buffer; 0 before open, and without a socket."""
+        return self._link.receive_buffer_bytes
 
     @property
     def borrowable_frames(self) -> int:
@@ -139,37 +135,27 @@ class AravisCamera(Camera):
     def _open(self) -> CameraInfo:
         Aravis, GLib = aravis_and_glib()
         address = self._config.address
-        wait_for_control(address, self._clock)
+        self._link.wait_for_control()
         try:
             camera = Aravis.Camera.new(address)
         except GLib.Error as error:
-            if identify_camera(address) is not None:
-                raise CameraError(
-                    f"camera {address} answers discovery, but refuses a connection ({reason(error)}): "
-                    "switch it off and on"
-                ) from None
-            raise CameraNotFound(
-                f"no camera answers at {address} ({reason(error)}): {not_found_remedy(address)}"
-            ) from None
+            raise self._link.not_connected(reason(error)) from None
         device = camera.get_device()
         # The handler runs on Aravis's heartbeat thread.
         handler = device.connect("control-lost", lambda _device: self._lost.set())
         try:
-            if not device.is_controller():
-                raise CameraError(
-                    f"camera {address} refused control: another program took control first; "
-                    "close that program, then try again"
-                )
+            self._link.require_control(camera)
             write_settings(camera, self._config)
             self._exposure_us = camera.get_exposure_time()
             if self._config.trigger == "off":
                 self._frame_rate_hz = camera.get_frame_rate()
-            self._ticks_hz = self._read_ticks_hz(device)
+            self._link.prepare_clock(camera)
             info = CameraInfo(
                 vendor=camera.get_vendor_name(),
                 model=camera.get_model_name(),
                 serial=camera.get_device_serial_number(),
                 address=address,
+                kind=self._config.kind,
             )
             self._size = camera.get_region()[2:]
             self._connection = self._connect_stream(camera, device, handler)
@@ -237,21 +223,9 @@ class AravisCamera(Camera):
     def take_foreign_packets(self) -> ForeignPackets:
         """Packets of other senders at the camera's image port since the last call; none of them is used.
 
-        If they come from the camera's own address while no frame has arrived, the camera states a wrong port
-        (some do, Aravis 6c2894e10): then packets are checked by their address alone, and a warning is added.
+        A warning is added if the camera states a wrong port.
         """
-        senders = self._senders
-        if senders is None:
-            return ForeignPackets()
-        found = senders.take_foreign_packets()
-        if found.sender is None or self._sequence or not senders.port or found.sender[0] != senders.address:
-            return found
-        self._warnings.append(
-            f"camera {senders.address} sends images from UDP port {found.sender[1]}, "
-            f"but reports {senders.port}: packets are checked by their address alone"
-        )
-        senders.accept_any_port()
-        return ForeignPackets()
+        return self._link.take_foreign_packets(any_frame=self._sequence > 0)
 
     def latch_clock(self) -> ClockReading | None:
         """Read the camera's clock now: latch it (store its present value) and read the stored value.
@@ -265,21 +239,20 @@ class AravisCamera(Camera):
         """
         connection = self._connection
         device = None if connection is None else connection.device  # another thread may be closing it
-        if device is None or self._ticks_hz == 0 or self._lost.is_set():
+        if device is None or not self._link.can_latch or self._lost.is_set():
             return None
         _, GLib = aravis_and_glib()
-        write, read = device.write_register, device.read_register
         try:
             before_ns = self._clock.monotonic_ns()
-            write(_LATCH, _LATCH_NOW)
+            self._link.latch_now(device)
             after_ns = self._clock.monotonic_ns()
-            ticks = (read(_LATCH_HIGH) << 32) | read(_LATCH_LOW)
+            device_ns = self._link.latched_ns(device)
         except GLib.Error:
             return self._warn_no_latch()
-        if ticks == 0:
+        if device_ns == 0:
             return self._warn_no_latch()
         self._latched_once = True
-        return ClockReading(ticks * 1_000_000_000 // self._ticks_hz, before_ns, after_ns)
+        return ClockReading(device_ns, before_ns, after_ns)
 
     def _warn_no_latch(self) -> None:
         """Give up latching (reading) the camera's clock, and add a warning, if no latch ever succeeded.
@@ -287,8 +260,8 @@ class AravisCamera(Camera):
         If one succeeded before, this failure may be an isolated one, and nothing happens.
         """
         if not self._latched_once:
-            self._ticks_hz = 0
-            self._warnings.append(
+            self._link.can_latch = False
+            self._link.warnings.append(
                 f"camera {self._config.address} cannot latch its clock: frame times come from their arrival"
             )
 
@@ -318,8 +291,7 @@ class AravisCamera(Camera):
         if connection is not None:
             if connection.memory is not None:
                 connection.memory.close()
-            if self._senders is not None:
-                self._senders.close()
+            self._link.close()
             self._close_in_background(connection)
 
     def _opened(self) -> Connection:
@@ -341,7 +313,7 @@ class AravisCamera(Camera):
         if stalled_s > self._config.stall_s:
             incomplete = (
                 f" ({counted(self.incomplete_frames, 'frame')} arrived incomplete: "
-                "raise the receive buffer or lower packet_size)"
+                f"{self._link.incomplete_remedy})"
             )
             trigger = self._config.trigger
             pulses = f" (trigger = {trigger}: check that its pulses arrive)" if trigger != "off" else ""
@@ -384,46 +356,16 @@ class AravisCamera(Camera):
         self._sequence += 1
         return frame
 
-    def _read_ticks_hz(self, device: Any) -> int:
-        """Frequency of the camera's clock [Hz]; 0 and a warning if the camera does not report it.
-
-        Without that frequency Aravis silently reports system time as the camera's time (Aravis #153).
-
-        Raises:
-            GLib.Error: the camera does not answer.
-        """
-        Aravis, GLib = aravis_and_glib()
-        try:
-            ticks_hz = (device.read_register(_TICKS_HIGH) << 32) | device.read_register(_TICKS_LOW)
-        except GLib.Error as error:
-            if error.matches(Aravis.device_error_quark(), Aravis.DeviceError.TIMEOUT):
-                raise
-            ticks_hz = 0  # not every camera has these registers (Aravis #153)
-        if ticks_hz == 0:
-            self._warnings.append(
-                f"camera {self._config.address} does not report its clock's frequency: "
-                "frame times come from their arrival"
-            )
-        return ticks_hz
-
     def _connect_stream(self, camera: Any, device: Any, handler: int) -> Connection:
         Aravis, _ = aravis_and_glib()
-        # As root Aravis takes the packet socket (Aravis #503), whose 5 ms block time-out quantises arrival
-        # times.
-        camera.gv_set_stream_options(Aravis.GvStreamOption.PACKET_SOCKET_DISABLED)
+        self._link.prepare_stream(camera)
         payload = camera.get_payload()
         stream = camera.create_stream(None, None)
         if stream is None:
             raise CameraError(
-                f"camera {self._config.address}: no stream can be opened: "
-                "check that UDP is not blocked by a firewall"
+                f"camera {self._config.address}: no stream can be opened: {self._link.stream_remedy}"
             )
-        self._warn_of_small_packets(camera)
-        stream.set_property("socket-buffer", Aravis.GvStreamSocketBuffer.FIXED)
-        stream.set_property("frame-retention", self._retention_us())
-        # 0 leaves the socket's buffer alone: else Aravis sets it again with every frame (Aravis #994).
-        stream.set_property("socket-buffer-size", 0)
-        self._prepare_socket(stream.get_port(), device)
+        self._link.tune_stream(camera, device, stream)
         buffers: list[Any] = []
         try:
             memory = BufferPool(
@@ -443,58 +385,6 @@ class AravisCamera(Camera):
         for buffer in buffers[: memory.circulating]:
             stream.push_buffer(buffer)
         return Connection(camera, device, stream, handler, buffers, memory)
-
-    def _warn_of_small_packets(self, camera: Any) -> None:
-        """Warn if the packet size is no longer the wanted one: Aravis tests it when a stream is made."""
-        got = camera.gv_get_packet_size()
-        if got != self._config.packet_size:
-            self._warnings.append(
-                f"packets of {got} B are used instead of {self._config.packet_size} B: larger ones do not "
-                "come through; set the interface's MTU to 9000 (`ip link set IFACE mtu 9000`)"
-            )
-
-    def _prepare_socket(self, port: int, device: Any) -> None:
-        """Enlarge the receive buffer of the stream's socket, and close it to all senders but the camera.
-
-        Call it before the stream has buffers: packets that arrived before then become no frame.
-
-        Args:
-            port: UDP port of the stream's socket.
-            device: Aravis.Device of the camera.
-
-        Raises:
-            CameraError: the socket is not found, or the kernel refuses.
-        """
-        _, GLib = aravis_and_glib()
-        try:
-            source_port = device.read_register(_SOURCE_PORT) & 0xFFFF
-        except GLib.Error:
-            source_port = 0
-        wanted_bytes, address = self._config.receive_buffer_bytes, self._config.address
-        with find_udp_socket(port) as stream:
-            self.receive_buffer_bytes = enlarge_receive_buffer(stream, wanted_bytes)
-            try:
-                self._senders = SenderFilter(stream, address, source_port)
-            except OSError as error:
-                raise CameraError(
-                    f"camera {address}: the image stream cannot be closed to other senders ({error}): "
-                    "try again"
-                ) from None
-        if self.receive_buffer_bytes < wanted_bytes:
-            self._warnings.append(
-                f"the socket's receive buffer is {self.receive_buffer_bytes} B instead of {wanted_bytes} B: "
-                f"frames may be lost; try sysctl -w net.core.rmem_max={wanted_bytes}"
-            )
-
-    def _retention_us(self) -> int:
-        """Frame retention time [us]: how long an incomplete frame waits for resent packets.
-
-        It is the time in which newer frames fill half of the buffers, because they wait there behind the
-        incomplete one; but at least 100 ms and at most 1 s. Aravis's default of 100 ms is too short on a busy
-        computer.
-        """
-        held_us = 1e6 * self._config.buffers / self._config.frame_rate_hz
-        return round(min(_LONGEST_RETENTION_US, max(_ARAVIS_RETENTION_US, 0.5 * held_us)))
 
     def _close_in_background(self, connection: Connection) -> None:
         """Close a connection on a thread of its own, and wait up to 1 s for its end.

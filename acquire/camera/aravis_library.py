@@ -17,8 +17,11 @@ from schemas.software import extra_command
 
 if TYPE_CHECKING:
     from acquire.frames.buffer_pool import BufferPool
+    from schemas.camera_kind import CameraKindName
 
 _DRAIN_US = 10_000
+_KINDS: dict[str, CameraKindName] = {"GigEVision": "gige", "USB3Vision": "usb3"}
+"""kind of camera in the rig file, by Aravis's name of the protocol"""
 
 
 @cache
@@ -43,7 +46,7 @@ def aravis_and_glib() -> tuple[Any, Any]:
 
 
 def discover(loopback: str = "127.0.0.1") -> list[CameraInfo]:
-    """List the GigE Vision cameras that answer a broadcast, and a virtual camera at a loopback address.
+    """List the GigE and USB3 Vision cameras that answer, and a virtual camera at a loopback address.
 
     Takes about a second.
 
@@ -63,15 +66,24 @@ def discover(loopback: str = "127.0.0.1") -> list[CameraInfo]:
             vendor=Aravis.get_device_vendor(index) or "",
             model=Aravis.get_device_model(index) or "",
             serial=Aravis.get_device_serial_nbr(index) or "",
-            address=Aravis.get_device_address(index) or Aravis.get_device_id(index),
+            address=_address(Aravis, index),
+            kind=_KINDS[Aravis.get_device_protocol(index)],
         )
         for index in range(Aravis.get_n_devices())
-        if Aravis.get_device_protocol(index) == "GigEVision"
+        if Aravis.get_device_protocol(index) in _KINDS
     ]
     virtual = identify_camera(loopback)
     if virtual is not None and all(info.address != virtual.address for info in found):
         found.append(virtual)
     return found
+
+
+def _address(Aravis: Any, index: int) -> str:
+    """Address of a found camera: its IP address, or its device id where it has none (USB)."""
+    device_id = Aravis.get_device_id(index) or ""
+    if Aravis.get_device_protocol(index) == "USB3Vision":
+        return device_id
+    return Aravis.get_device_address(index) or device_id
 
 
 @dataclass

@@ -1,6 +1,6 @@
 """Interface of a camera. One thread calls it, except where a method permits another.
 
-The capture process chooses the class (acquire/capture/process.py).
+The rig file's `camera.kind` chooses the class (factory.py).
 """
 
 from __future__ import annotations
@@ -14,18 +14,21 @@ from acquire.camera.sender_filter import ForeignPackets
 if TYPE_CHECKING:
     from acquire.clock.reading import ClockReading
     from acquire.frames.frame import Frame
+    from schemas.camera_kind import CameraKindName
 
 
 @dataclass(frozen=True)
 class CameraInfo:
-    """Identity of a camera: vendor, model, serial number and IP address."""
+    """Identity of a camera: vendor, model, serial number, address and kind."""
 
     vendor: str
     model: str
     serial: str
     """serial number"""
     address: str
-    """IP address"""
+    """IP address, device id, or path of the device"""
+    kind: CameraKindName = "gige"
+    """kind of camera, as in the rig file"""
 
 
 class Camera(ABC):

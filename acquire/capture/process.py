@@ -23,6 +23,7 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from pydantic import ValidationError
 
 from acquire.camera.base import Camera, CameraInfo
+from acquire.camera.factory import make_camera
 from acquire.camera.stream import CameraStream
 from acquire.capture import wire
 from acquire.capture.heartbeat import Heartbeat
@@ -313,13 +314,11 @@ def serve(fd: int, heartbeat_fd: int, make_camera: MakeCamera) -> None:
 
 
 def main() -> None:
-    """Parse the command line and run the capture process, with a camera read by Aravis, until its end."""
+    """Parse the command line and run the capture process, with the rig file's camera, until its end."""
     parser = argparse.ArgumentParser(
         description="Capture process of the daemon; not meant to be started by hand."
     )
     parser.add_argument("--fd", type=int, required=True, help="inherited socket to take commands from")
     parser.add_argument("--heartbeat", type=int, required=True, help="inherited pipe to send heartbeats on")
     arguments = parser.parse_args()
-    from acquire.camera.aravis import AravisCamera
-
-    serve(arguments.fd, arguments.heartbeat, AravisCamera)
+    serve(arguments.fd, arguments.heartbeat, make_camera)

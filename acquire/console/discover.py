@@ -11,7 +11,7 @@ from schemas.terminal import Terminal
 
 
 def list_cameras(*, as_json: bool) -> None:
-    """Print the GigE Vision cameras that answer.
+    """Print the cameras that answer: GigE and USB3 Vision, and video devices (V4L2).
 
     Args:
         as_json: True to print JSON.
@@ -19,17 +19,21 @@ def list_cameras(*, as_json: bool) -> None:
     Raises:
         CameraNotFound: none answers.
     """
-    from acquire.camera.aravis_library import discover
+    from acquire.camera.factory import discover_cameras
 
-    cameras = discover()
+    cameras, unsearched = discover_cameras()
     if as_json:
         echo(json.dumps([vars(camera) for camera in cameras]))
     for camera in [] if as_json else cameras:
-        echo(f"{camera.address:16} {camera.vendor} {camera.model} ({camera.serial})")
+        kind = "" if camera.kind == "gige" else f'  kind = "{camera.kind}"'
+        echo(f"{camera.address:16} {camera.vendor} {camera.model} ({camera.serial}){kind}")
+    if unsearched:
+        Terminal(stderr=True).print(f"GigE and USB3 Vision cameras were not searched: {unsearched}")
     if not cameras:
         raise CameraNotFound(
-            "no camera answers: check power and cable, "
-            "that host and camera are in one subnet (`ip address`), and that no firewall drops UDP port 3956"
+            "no camera answers: check power and cable, that host and camera are in one subnet "
+            "(`ip address`), that no firewall drops UDP port 3956, and that this user may open USB cameras "
+            "(`sudo usermod -aG video $USER`)"
         )
 
 

@@ -1,4 +1,4 @@
-"""Options of the commands that start a virtual rig: object, truth file, seed, camera address, striker."""
+"""Options of the commands that start a virtual rig: object, truth file, seed, camera, striker."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class _ObjectName(click.ParamType):
 
 
 def virtual_options(command: Any) -> Any:
-    """Decorator that adds the options of a virtual rig: object, truth file, seed, camera address, striker."""
+    """Decorator that adds the options of a virtual rig: object, truth file, seed, camera, striker."""
     for option in (
         click.option(
             "--striker",
@@ -42,8 +42,15 @@ def virtual_options(command: Any) -> Any:
             help="What strikes: a servo, or a microcontroller on a serial port.",
         ),
         click.option(
+            "--camera",
+            default="gige",
+            show_default=True,
+            type=click.Choice(["gige", "v4l2"]),
+            help="What sees it: a GigE Vision camera, or a webcam (V4L2; needs root).",
+        ),
+        click.option(
             "--address",
-            help="Loopback address of the virtual camera; one per rig.  [default: the first free one from "
+            help="Loopback address of a virtual GigE camera; one per rig.  [default: the first free one from "
             "127.0.0.1]",
         ),
         click.option(

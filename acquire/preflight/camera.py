@@ -68,7 +68,7 @@ def check_camera(source: VideoSource, config: CameraConfig, folder: Path) -> Ite
             "camera settings",
             f"{config.width} x {config.height} mono8 at {config.frame_rate_hz:g} Hz, "
             f"{config.exposure_us:g} us, "
-            f"{_gain_text(config)}, packets of {config.packet_size} B: read back as set",
+            f"{_gain_text(config)}{_way_text(config)}: read back as set",
         )
         try:
             video = source.record(folder)
@@ -84,6 +84,13 @@ def check_camera(source: VideoSource, config: CameraConfig, folder: Path) -> Ite
         )
     finally:
         source.close()
+
+
+def _way_text(config: CameraConfig) -> str:
+    """Text of what belongs to the way of the images: packet size, or what is switched off."""
+    if config.traits.on_network:
+        return f", packets of {config.packet_size} B"
+    return ", everything automatic off"
 
 
 def _gain_text(config: CameraConfig) -> str:
@@ -108,7 +115,11 @@ def check_frames(video: CheckVideo, config: CameraConfig) -> Check:
     rates = f"{rate:.2f} Hz of {config.frame_rate_hz:g} Hz set"
     found = f"{video.frames} in {video.seconds:.2f} s: {rates}, {video.lost} lost"
     if video.lost:
-        remedy = "check receive buffer and packet size above, then cable, switch and other programs"
+        remedy = (
+            "check receive buffer and packet size above, then cable, switch and other programs"
+            if config.traits.on_network
+            else "give the camera a USB port of its own, without a hub; end other programs"
+        )
         return failed_check("frames", found, remedy, Measured(video.lost, 0, "frames"))
     measured = Measured(rate, config.frame_rate_hz, "Hz")
     if abs(rate - config.frame_rate_hz) > RATE_TOLERANCE * config.frame_rate_hz:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from acquire.camera.aravis import AravisCamera
+from acquire.camera.factory import make_camera
 from acquire.clock.clock import Clock, SystemClock
 from acquire.config import read_rig
 from acquire.daemon.client import DaemonClient
@@ -30,6 +30,7 @@ from acquire.preflight.computer import (
 from acquire.preflight.disk import Disk, check_disk
 from acquire.preflight.servo import SERVO_LINES, ReadServo, check_held_servo, check_servo, read_servo
 from acquire.preflight.stamps import STAMP_LINE, MeasureStamp, check_stamp, measure_stamp
+from acquire.preflight.usb import check_usb_bandwidth
 from acquire.preflight.video import DaemonCapture, OwnCapture, VideoSource
 from schemas.rig import RigConfig, StrikerConfig
 from schemas.wording import counted
@@ -113,7 +114,7 @@ def real_probes(clock: Clock | None = None) -> Probes:
         servo=lambda config: read_servo(config, clock),
         board=lambda config: read_board(config, clock),
         capture=lambda rig: OwnCapture(rig, clock),
-        stamp=lambda config: measure_stamp(lambda each: AravisCamera(each, clock), config),
+        stamp=lambda config: measure_stamp(lambda each: make_camera(each, clock), config),
         daemon=daemon,
     )
 
@@ -190,8 +191,11 @@ def _check_connections(computer: Computer, rig: RigConfig, daemon: RunningDaemon
         yield check_port(port, striker.port)
         yield check_lock(port, striker.port, None if daemon is None else int(daemon.status["pid"]))
         yield check_latency_timer(computer, port, striker.port)
-    yield check_receive_buffer(computer, camera.receive_buffer_bytes)
-    yield check_packet_size(computer, camera.address, camera.packet_size)
+    if camera.traits.on_network:
+        yield check_receive_buffer(computer, camera.receive_buffer_bytes)
+        yield check_packet_size(computer, camera.address, camera.packet_size)
+    if camera.traits.on_usb:
+        yield check_usb_bandwidth(camera)
 
 
 def _check_striker(probes: Probes, striker: StrikerConfig) -> Iterator[Check]:

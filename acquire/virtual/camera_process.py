@@ -1,4 +1,4 @@
-"""Camera process of the virtual rig: renders the world's poses, serves them as a GigE Vision camera.
+"""Camera process of the virtual rig: renders the world's poses, serves them as a camera.
 
     python -m acquire.virtual.camera_process --object carton --seed 1 --dir RUN --address 127.0.0.1
 
@@ -24,7 +24,7 @@ import numpy as np
 
 from acquire.clock.clock import Clock, SystemClock
 from acquire.errors import AcquireError
-from acquire.virtual.gige_camera import VirtualGigeCamera
+from acquire.virtual.camera_kinds import VIRTUAL_CAMERAS
 from acquire.virtual.image_source import ImageSource, StreamSettings
 from acquire.virtual.pose_ring import PoseRing, PoseRingError
 
@@ -122,7 +122,7 @@ def serve(
 
     Args:
         source: source of the images.
-        arguments: `address`, `seed`, `packet_loss` and `dir` of the command line.
+        arguments: `kind`, `address`, `seed`, `packet_loss` and `dir` of the command line.
         clock: the host's clock.
         parent_alive: called ten times a second.
 
@@ -137,14 +137,7 @@ def serve(
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, request_stop)
-    camera = VirtualGigeCamera(
-        arguments.address,
-        f"VIRTUAL-{arguments.seed}",
-        source,
-        clock,
-        packet_loss=arguments.packet_loss,
-        seed=arguments.seed,
-    )
+    camera = VIRTUAL_CAMERAS[arguments.kind](source, arguments, clock)
     try:
         _print_json({"ready": True, "address": arguments.address, "pid": os.getpid()})
         while not stopped and parent_alive():
@@ -170,8 +163,11 @@ def main() -> int:
     parser.add_argument("--object", required=True, help="name of an object, or its .npz file")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--dir", type=Path, required=True, help="folder of the run with pose.ring")
-    parser.add_argument("--address", default="127.0.0.1", help="loopback address of the camera")
-    parser.add_argument("--packet-loss", type=float, default=0.0, help="fraction of stream packets to lose")
+    parser.add_argument("--kind", choices=sorted(VIRTUAL_CAMERAS), default="gige")
+    parser.add_argument("--address", default="127.0.0.1", help="gige: loopback address of the camera")
+    parser.add_argument(
+        "--packet-loss", type=float, default=0.0, help="gige: fraction of stream packets to lose"
+    )
     # The default is wrong if the parent has ended by now, hence the option.
     parser.add_argument(
         "--parent", type=int, default=os.getppid(), help="end with this process; default: parent"

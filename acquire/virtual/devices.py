@@ -20,22 +20,26 @@ from acquire.virtual.own_object import read_own_object
 from acquire.virtual.processes import running_process
 from acquire.virtual.station import calibration_sheet
 from acquire.virtual.striker_firmware import FASTEST_MM_S, SLOWEST_MM_S
+from acquire.virtual.video_camera import NAME as VIDEO_NAME
+from schemas.camera_kind import CAMERA_KINDS, CameraKindName
 
 
 @dataclass(frozen=True)
 class DeviceOptions:
-    """Choice of a virtual rig: its object, the seed of everything random, the camera's address."""
+    """Choice of a virtual rig: object, seed of everything random, kinds of camera and striker."""
 
     object_name: str
     """name of an object that comes with the program, or path of an object file"""
     seed: int
     """seed of everything random in the virtual rig"""
     address: str
-    """loopback address of the virtual camera, one per rig"""
+    """loopback address of a virtual GigE camera, one per rig"""
     truth_path: Path | None = None
     """truth file of a user's object; None to draw from the seed what its object file does not state"""
     striker: str = "dynamixel"
     """kind of striker: dynamixel or serial"""
+    camera: CameraKindName = "gige"
+    """kind of camera: gige or v4l2"""
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,12 @@ class Devices:
     def socket(self) -> Path:
         """Path of the daemon's socket, as the rig file gives it."""
         return self.folder / "run" / "daemon.sock"
+
+    @property
+    def camera_address(self) -> str:
+        """Address of the camera, as the rig file gives it: IP address, or path of the video device."""
+        on_network = CAMERA_KINDS[self.options.camera].on_network
+        return self.options.address if on_network else str(self.folder / VIDEO_NAME)
 
     @contextlib.contextmanager
     def world(self, rig_path: Path, recordings: Path | None = None) -> Iterator[None]:
@@ -78,7 +88,12 @@ class Devices:
             thing = self.virtual_object
             sheet = calibration_sheet(self.options.seed, thing.camera_distance_m, thing.arm_inertia_kg_m2)
             text = rig_toml(
-                sheet, self.options.address, ready["port"], self.socket, striker_kind=self.options.striker
+                sheet,
+                self.camera_address,
+                ready["port"],
+                self.socket,
+                striker_kind=self.options.striker,
+                camera_kind=self.options.camera,
             )
             if recordings is not None:
                 entry = f"[recorder]\ndirectory = {json.dumps(str(recordings.resolve()))}"
@@ -93,7 +108,8 @@ class Devices:
         Raises:
             AcquireError: the camera did not start.
         """
-        arguments = [*self._arguments(), "--address", self.options.address]
+        camera = ["--kind", self.options.camera, "--address", self.options.address]
+        arguments = [*self._arguments(), *camera]
         with running_process("camera", self.folder, "acquire.virtual.camera_process", *arguments):
             yield
 
@@ -129,8 +145,17 @@ _SPEEDS = {"serial": f"\nspeed_range_m_s = [{SLOWEST_MM_S / 1000}, {FASTEST_MM_S
 """line of section [striker] with the speeds, by kind of striker; none where they follow from the arm"""
 
 
+_CAMERAS = {"v4l2": '\nkind = "v4l2"\ntimestamp_at = "exposure_start"'}
+"""lines of section [camera] with kind and stamp, by kind; none for GigE, as in most rig files"""
+
+
 def rig_toml(
-    sheet: dict[str, Any], address: str, port: str, socket: Path, striker_kind: str = "dynamixel"
+    sheet: dict[str, Any],
+    address: str,
+    port: str,
+    socket: Path,
+    striker_kind: str = "dynamixel",
+    camera_kind: str = "gige",
 ) -> str:
     """Text of the rig file (TOML) that a person would write for the virtual rig.
 
@@ -140,6 +165,7 @@ def rig_toml(
         port: serial port of the virtual servo or striker board.
         socket: path of the daemon's socket.
         striker_kind: kind of striker.
+        camera_kind: kind of camera.
     """
     camera, striker = sheet["camera"], sheet["striker"]
     return f"""# The virtual rig, described as a real one would be.
@@ -150,7 +176,7 @@ gravity_tilt_sd_rad = 0.0005
 table_friction = {sheet["table_friction"]}
 
 [camera]
-name = "main"
+name = "main"{_CAMERAS.get(camera_kind, "")}
 address = "{address}"
 width = {camera["width"]}
 height = {camera["height"]}

@@ -24,6 +24,7 @@ import numpy as np
 from acquire.errors import CameraError
 from acquire.virtual import aravis_ctypes
 from acquire.virtual.camera_makes import DEFAULTS
+from acquire.virtual.camera_statistics import CameraStatistics
 from acquire.virtual.device_clock import DRIFT, DeviceClock
 from acquire.virtual.gige_faults import USUAL, CameraHabits
 from acquire.virtual.gige_interposer import ControlRelay, StreamRelay, Told
@@ -55,24 +56,6 @@ _VENDOR, _MODEL, _OWN_ADDRESS, _CAPABILITY, _RESEND_BIT = 0x48, 0x68, 0x24, 0x93
 _SOURCE_PORT, _TICKS_HIGH, _TICKS_LOW = 0xD1C, 0x93C, 0x940
 # Not "Prosilica": Aravis takes vendor-specific code paths for that name.
 VENDOR, MODEL = "Allied Vision Technologies", "GUPPY-SIM GE656"
-
-
-@dataclass(frozen=True)
-class CameraStatistics:
-    """Frames sent by the virtual camera since it was made, mean rendering time and largest delay [ms].
-
-    An image's delay is the time from the end of its exposure until it is rendered. An image counts as late
-    if its delay exceeds two frame periods.
-    """
-
-    frames: int
-    """number of frames sent"""
-    render_ms_mean: float
-    """mean time to render an image [ms]; 0 if none was rendered"""
-    late: int
-    """number of exposures whose image was ready more than two frame periods after their end"""
-    latest_ms: float
-    """largest delay [ms] of an image after the end of its exposure"""
 
 
 @dataclass(frozen=True)

@@ -133,7 +133,7 @@ def _instructions(devices: Devices, object_path: Path, rig_path: Path, port: str
     plan, recording = (shlex.quote(str(folder / name)) for name in ("plan.json", "session.mcap"))
     return [
         *(f"note: {note}" for note in devices.notes),
-        f"virtual rig: camera at {devices.options.address}, striker at {port}",
+        f"virtual rig: camera at {devices.camera_address}, striker at {port}",
         f"rig file: {rig_path}",
         "It runs until Ctrl-C. In other terminals:",
         f"  acquire check {rig}",

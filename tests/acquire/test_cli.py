@@ -25,6 +25,7 @@ def cameras(monkeypatch: pytest.MonkeyPatch) -> list[CameraInfo]:
     pytest.importorskip("gi")
     found: list[CameraInfo] = []
     monkeypatch.setattr("acquire.camera.aravis_library.discover", lambda: found)
+    monkeypatch.setattr("acquire.camera.v4l2_discovery.list_v4l2_cameras", list)
     return found
 
 
@@ -42,7 +43,13 @@ def test_discover_lists_what_answers(cameras: list[CameraInfo]) -> None:
     result = CliRunner().invoke(main, ["discover"])
     assert (result.exit_code, result.stdout) == (0, "192.168.10.2     Allied Guppy (7)\n")
     (camera,) = json.loads(CliRunner().invoke(main, ["discover", "--json"]).stdout)
-    assert camera["model"] == "Guppy"
+    assert (camera["model"], camera["kind"]) == ("Guppy", "gige")
+
+
+def test_discover_names_the_kind_of_other_cameras(cameras: list[CameraInfo]) -> None:
+    cameras.append(CameraInfo("uvcvideo", "Webcam", "usb-1", "/dev/video0", kind="v4l2"))
+    result = CliRunner().invoke(main, ["discover"])
+    assert result.stdout == '/dev/video0      uvcvideo Webcam (usb-1)  kind = "v4l2"\n'
 
 
 @pytest.fixture

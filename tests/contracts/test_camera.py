@@ -1,4 +1,4 @@
-"""The contract of Camera (acquire/camera/base.py), checked on the virtual camera.
+"""The contract of Camera (acquire/camera/base.py), checked on a virtual camera of each kind.
 
 With `-m hardware` it is checked on the camera of the rig file that PERCUSS_RIG names.
 """
@@ -8,18 +8,22 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from acquire.camera.aravis import AravisCamera
 from acquire.camera.base import Camera
+from acquire.camera.factory import make_camera
 from acquire.clock.clock import SystemClock
 from acquire.errors import CameraError
 from acquire.frames.frame import Frame
 from acquire.virtual.gige_camera import VirtualGigeCamera
+from schemas.camera_kind import CameraKindName
 from schemas.rig import CameraConfig, RigConfig
 from schemas.session_manifest import CameraCalibrationSpec
+from tests.acquire.camera.video_device import pattern_video
 from tests.acquire.virtual.pattern_source import PatternSource
 from tests.loopback import loopback
 
@@ -31,41 +35,54 @@ STALL_S = 10.0
 """time without frames after which the camera counts as lost [s]; long, because a loaded machine may pause"""
 
 
-def config(address: str) -> CameraConfig:
+def config(address: str, kind: CameraKindName = "gige") -> CameraConfig:
     calibration = CameraCalibrationSpec(
         width=656,
         height=492,
         K=[[1430.0, 0.0, 327.5], [0.0, 1430.0, 245.5], [0.0, 0.0, 1.0]],
         T_world_camera=np.eye(4).tolist(),
     )
-    return CameraConfig(address=address, buffers=BUFFERS, stall_s=STALL_S, calibration=calibration)
+    return CameraConfig(kind=kind, address=address, buffers=BUFFERS, stall_s=STALL_S, calibration=calibration)
 
 
-@pytest.fixture(params=["virtual", pytest.param("real", marks=pytest.mark.hardware)])
-def camera_config(request: pytest.FixtureRequest, real_rig: Callable[[], RigConfig]) -> CameraConfig:
-    return (
-        config(ADDRESS)
-        if request.param == "virtual"
-        else real_rig().camera.model_copy(update={"buffers": BUFFERS, "stall_s": STALL_S})
-    )
+@contextmanager
+def virtual_gige(_folder: Path) -> Iterator[CameraConfig]:
+    clock = SystemClock()
+    server = VirtualGigeCamera(ADDRESS, "CONTRACT", PatternSource(clock, 1), clock)
+    try:
+        yield config(ADDRESS)
+    finally:
+        server.close()
+
+
+@contextmanager
+def virtual_video(folder: Path) -> Iterator[CameraConfig]:
+    with pattern_video(folder / "video0"):
+        yield config(str(folder / "video0"), "v4l2")
+
+
+VIRTUAL = {"gige": virtual_gige, "v4l2": virtual_video}
+
+
+@pytest.fixture(params=[*VIRTUAL, pytest.param("real", marks=pytest.mark.hardware)])
+def camera_config(
+    request: pytest.FixtureRequest, real_rig: Callable[[], RigConfig], tmp_path: Path
+) -> Iterator[CameraConfig]:
+    if request.param == "real":
+        yield real_rig().camera.model_copy(update={"buffers": BUFFERS, "stall_s": STALL_S})
+        return
+    with VIRTUAL[request.param](tmp_path) as virtual:
+        yield virtual
 
 
 @pytest.fixture
 def camera(camera_config: CameraConfig) -> Iterator[Camera]:
     before = set(threading.enumerate())
-    clock = SystemClock()
-    server = (
-        VirtualGigeCamera(ADDRESS, "CONTRACT", PatternSource(clock, 1), clock)
-        if camera_config.address == ADDRESS
-        else None
-    )
-    device = AravisCamera(camera_config, clock, BORROWABLE)
+    device = make_camera(camera_config, SystemClock(), BORROWABLE)
     try:
         yield device
     finally:
         device.close()
-        if server is not None:
-            server.close()
     end = time.monotonic() + CLOSE_S
     while (left := set(threading.enumerate()) - before) and time.monotonic() < end:
         time.sleep(0.02)

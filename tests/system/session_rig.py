@@ -23,6 +23,7 @@ from acquire.virtual.devices import rig_toml
 from acquire.virtual.objects import load_object
 from acquire.virtual.operator import VirtualOperator
 from acquire.virtual.station import calibration_sheet
+from acquire.virtual.video_camera import NAME
 from tests.acquire.virtual.world_link import WorldLink
 from tests.loopback import loopback
 from tests.system.fault_rig import Daemon
@@ -53,6 +54,7 @@ class SessionRig:
     striker: str = "dynamixel"
     strikes: int = 3
     """number of planned strikes"""
+    camera_kind: str = "gige"
 
     def __post_init__(self) -> None:
         thing = load_object(OBJECT, SEED)
@@ -64,7 +66,10 @@ class SessionRig:
         rig = self.folder / "d.toml"
         sheet = calibration_sheet(SEED)
         port = self.folder / ("ttyBoard" if arm == "serial" else "ttyDXL")
-        rig.write_text(rig_toml(sheet, ADDRESS, str(port), self.folder / "d" / "d.sock", self.striker))
+        addresses = {"gige": ADDRESS, "v4l2": str(self.folder / NAME)}
+        address = addresses[self.camera_kind]
+        socket = self.folder / "d" / "d.sock"
+        rig.write_text(rig_toml(sheet, address, str(port), socket, self.striker, self.camera_kind))
         self.camera = self.start_camera()
         plan = [
             str(self.folder / "object.toml"),
@@ -83,7 +88,9 @@ class SessionRig:
         assert self.daemon.ready, self.daemon.complaints
 
     def start_camera(self) -> subprocess.Popen[str]:
-        camera = _started("acquire.virtual.camera_process", *self.common, "--address", ADDRESS)
+        camera = _started(
+            "acquire.virtual.camera_process", *self.common, "--address", ADDRESS, "--kind", self.camera_kind
+        )
         self.cleanup.callback(_ended, camera)
         return camera
 
@@ -109,7 +116,9 @@ class SessionRig:
 
 
 @contextlib.contextmanager
-def session_rig(striker: str = "dynamixel", strikes: int = 3) -> Iterator[SessionRig]:
+def session_rig(
+    striker: str = "dynamixel", strikes: int = 3, camera_kind: str = "gige"
+) -> Iterator[SessionRig]:
     """Yield a rig in a folder with a short name, because the path of a socket is limited."""
     with tempfile.TemporaryDirectory(prefix="ps-") as name, contextlib.ExitStack() as cleanup:
-        yield SessionRig(Path(name), cleanup, striker=striker, strikes=strikes)
+        yield SessionRig(Path(name), cleanup, striker=striker, strikes=strikes, camera_kind=camera_kind)

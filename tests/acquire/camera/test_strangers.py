@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 from acquire.camera.aravis import AravisCamera
+from acquire.camera.aravis_link import GigeLink
 from acquire.camera.sender_filter import SenderFilter
 from acquire.camera.stream import CameraStream
 from acquire.clock.clock import SystemClock
@@ -127,8 +128,9 @@ def test_a_sender_that_forges_address_and_port_passes(pattern_camera, camera_con
     address = loopback(73)
     config = camera_config(address, packet_size=PACKET_SIZE)
     with pattern_camera(address), streaming(AravisCamera(config, SystemClock())) as camera:
-        assert camera._senders is not None
-        sender = address, camera._senders.port
+        assert isinstance(camera._link, GigeLink)
+        assert camera._link.senders is not None
+        sender = address, camera._link.senders.port
 
         def attack(frame: Frame) -> None:
             try:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from acquire.camera.aravis import AravisCamera
+from acquire.camera.factory import make_camera
 from acquire.clock.clock import SystemClock
 from acquire.errors import CameraSettingError
 from acquire.preflight.check import Outcome
-from acquire.preflight.stamps import measure_stamp
+from acquire.preflight.stamps import check_stamp, measure_stamp
 from acquire.virtual.camera_makes import MAKES
 from acquire.virtual.gige_camera import VirtualGigeCamera
 from acquire.virtual.gige_faults import CameraHabits
 from schemas.rig import CameraConfig
+from tests.acquire.camera.video_device import pattern_video
 from tests.acquire.capture.synthetic_rig import CALIBRATION
 from tests.acquire.preflight.bench import Bench
 from tests.acquire.virtual.pattern_source import PatternSource
@@ -58,3 +62,18 @@ def test_it_is_compared_with_the_rig_file(
     line = bench.lines()["camera stamp"]
     assert line.outcome is outcome
     assert text in line.found
+
+
+@pytest.mark.parametrize("instant", ["start", "end"])
+def test_a_webcams_instant_is_measured_whatever_its_driver_states(tmp_path: Path, instant: str) -> None:
+    clock = SystemClock()
+    with pattern_video(tmp_path / "video0", "GREY", instant):
+        plain = CameraConfig(
+            kind="v4l2", address=str(tmp_path / "video0"), buffers=16, calibration=CALIBRATION
+        )
+        slope = measure_stamp(lambda each: make_camera(each, clock), plain)
+    assert slope == pytest.approx(1.0 if instant == "start" else 0.0, abs=0.2)
+    unstated = check_stamp(lambda _: slope, plain)
+    assert unstated.remedy.startswith(f'write timestamp_at = "exposure_{instant}"')
+    stated = plain.model_copy(update={"timestamp_at": f"exposure_{instant}"})
+    assert check_stamp(lambda _: slope, stated).outcome is Outcome.PASS
