@@ -127,7 +127,7 @@ class ArmMotion:
         """Keep a sample for a brake.
 
         Raises:
-            StrikerFault: the servo's clock has jumped since the last one, and its torque is off: it restarted.
+            StrikerFault: the servo has restarted: its clock has jumped, and its torque is off.
         """
         last = self._recent[-1] if self._recent else sample
         if sample.time_ns - last.time_ns < MAX_UNWATCHED_NS:
