@@ -88,15 +88,55 @@ class Archive:
             raise Refusal(409, "NotComplete", message, "`acquire recover FILE` rebuilds it")
         return path
 
+    def note_earlier(self, path: Path, earlier: list[Path]) -> None:
+        """Keep which recordings a session goes on with: they give one answer together.
+
+        Args:
+            path: recording that the session writes.
+            earlier: the recordings that it goes on with.
+        """
+        self._results.mkdir(parents=True, exist_ok=True)
+        _write(self._earlier_file(path), json.dumps([file_id(each) for each in earlier]))
+
+    def all_before(self, recording_ids: list[str]) -> list[Path]:
+        """Recordings with these ids, and those that they went on with.
+
+        Raises:
+            Refusal: one is missing, or not complete.
+        """
+        found: list[Path] = []
+        for each in recording_ids:
+            found += [path for path in self.together(self.finished(each)) if path not in found]
+        return found
+
+    def together(self, path: Path) -> list[Path]:
+        """A recording and those that it went on with, as far as they are there, the first one first."""
+        found: list[Path] = []
+        wanted = [path]
+        while wanted:
+            each = wanted.pop()
+            if each in found:
+                continue
+            found.append(each)
+            with contextlib.suppress(OSError, ValueError, Refusal, TypeError):
+                ids = json.loads(self._earlier_file(each).read_text(encoding="utf-8"))
+                wanted += [self.finished(str(one)) for one in ids]
+        return found[::-1]
+
+    def _earlier_file(self, path: Path) -> Path:
+        return self._results / f"{file_id(path)}-earlier.json"
+
     def estimate(self, recording_id: str) -> dict[str, Any]:
         """Estimate a recording with `analyze estimate`, keep the result and return it.
+
+        Recordings that its session went on with are estimated with it.
 
         Raises:
             Refusal: there is no such recording, or it is not complete.
             AcquireError: another analysis runs, or this one failed.
         """
         path = self.finished(recording_id)
-        result = json.loads(self._analyses.run("estimate", str(path), "--json"))
+        result = json.loads(self._analyses.run("estimate", *map(str, self.together(path)), "--json"))
         self._results.mkdir(parents=True, exist_ok=True)
         _write(self._kept(path, "json"), json.dumps(result))
         return result
@@ -114,7 +154,7 @@ class Archive:
             self._results.mkdir(parents=True, exist_ok=True)
             made = page.with_suffix(".new.html")
             made.unlink(missing_ok=True)
-            self._analyses.run("report", str(path), "-o", str(made), wait=True)
+            self._analyses.run("report", *map(str, self.together(path)), "-o", str(made), wait=True)
             made.replace(page)
         return page
 

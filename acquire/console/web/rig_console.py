@@ -199,10 +199,10 @@ class RigConsole:
             path = self._new_recording(order.name or _recording_name(name))
             arguments = ["acquire", "session", str(thing), str(plan), "-o", str(path)]
             arguments += ["--rig", str(self._rig_path), "--prompts", "others"]
-            options = order.options() | {"--note": note}
-            arguments += [text for name, value in options.items() if value for text in (name, str(value))]
-            for each in order.resume:
-                arguments += ["--resume", str(self._archive.finished(each))]
+            earlier = self._archive.all_before(order.resume)
+            self._archive.note_earlier(path, earlier)
+            options = [*order.options().items(), ("--note", note), *(("--resume", each) for each in earlier)]
+            arguments += [text for name, value in options if value for text in (name, str(value))]
             self._aborting, self._session_began_ns = False, time.time_ns()
             self._cards.draw(thing, plan)
             log = self._link.socket.with_name(f"{self._link.socket.name}.session.log")

@@ -102,6 +102,21 @@ def test_a_recording_is_named_by_its_id_only(archive: Archive, tmp_path: Path) -
             archive.path(wrong)
 
 
+def test_a_continued_recording_is_analysed_with_those_before(archive: Archive, tmp_path: Path) -> None:
+    folder = tmp_path / "recordings"
+    first, second, third = folder / "good.mcap", folder / "second.mcap", folder / "third.mcap"
+    for path in (second, third):
+        shutil.copy(first, path)
+    archive.note_earlier(second, [first])
+    archive.note_earlier(third, archive.all_before([file_id(second)]))
+    assert archive.together(first) == [first]
+    assert archive.together(second) == [first, second]
+    assert set(archive.together(third)) == {first, second, third}
+    assert archive.together(third)[-1] == third
+    first.unlink()
+    assert archive.together(second) == [second]
+
+
 def test_an_estimate_is_kept_until_the_recording_changes(archive: Archive, tmp_path: Path) -> None:
     path = tmp_path / "recordings" / "good.mcap"
     result = archive.estimate(file_id(path))

@@ -73,6 +73,8 @@ export function signFor(snapshot, verdictIsNew) {
   if (stop?.stopped) return { word: "STOPPED", tone: "stop", text: "Arm braked and held by software." };
   if (armed || session?.state === "striking") return armedSign(armed);
   if (!session) return { word: "NO SESSION", tone: "idle", text: "Start one in Ready." };
+  if (session.paused && prompt)
+    return { word: "PAUSED", tone: "wait", text: `${session.paused}. Press Resume to go on.` };
   if (session.state === "paused") return { word: "PAUSED", tone: "wait", text: session.paused ?? "" };
   if (session.state === "finished") return { word: "DONE", tone: "good", text: session.text };
   if (session.state === "aborted") return { word: "ENDED", tone: "bad", text: session.text };

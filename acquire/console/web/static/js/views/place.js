@@ -44,7 +44,7 @@ export function pauseOrResume(when) {
 /** Main action of the view: Placed, or Resume while the session is paused. */
 export function action(snapshot) {
   const { session, prompt } = snapshot;
-  if (session?.state === "paused")
+  if (session?.paused)
     return { label: "Resume", problem: "", run: () => page.order("/api/session/resume") };
   const label = !prompt || prompt.kind === "place" ? "Placed" : "Done";
   return { label, problem: prompt ? "" : "Nothing is to be placed now.", run: () => answer("placed") };

@@ -13,6 +13,8 @@ const LEAST_REASON = 3;
 const WIDE_PX = 700;
 
 const NEW_SESSION = "nothing: a new session";
+/** Time after which the recordings to go on with are loaded again while the view is shown [ms]. */
+const EARLIER_MS = 5000;
 /** Recordings that are offered to go on with, the newest first. */
 const MAX_EARLIER = 8;
 
@@ -20,6 +22,7 @@ let page;
 let preview;
 let earlier = [];
 let earlierFor = null;
+let earlier_ms = 0;
 
 /** Connect the view's controls; `context` has `order(path, content)`, `latest()` and `redraw()`. */
 export function connect(context) {
@@ -67,7 +70,10 @@ async function start(snapshot) {
     if (byId("max-strikes").value) content.max_strikes = Number(byId("max-strikes").value);
   }
   if (!isChecked(snapshot)) content.override = reason();
-  if (await page.order("/api/session/start", content)) byId("override").value = "";
+  if (!(await page.order("/api/session/start", content))) return;
+  byId("override").value = "";
+  byId("resume").value = "";
+  page.follow();
 }
 
 /** Show an address with which one more browser can watch. */
@@ -103,16 +109,17 @@ function options(select, entries, placeholder) {
   if (entries.some(([id]) => id === chosen)) select.value = chosen;
 }
 
-/** Load the recordings to go on with: once, and again when a session has begun or ended. */
+/** Load the recordings to go on with, as finished meanwhile as well. */
 async function loadEarlier(key) {
   earlierFor = key;
+  earlier_ms = Date.now();
   earlier = await get("/api/archive").catch(() => []);
   page.redraw();
 }
 
 function drawEarlier(snapshot) {
   const key = `${snapshot.session?.began_ns} ${isRunning(snapshot.session)}`;
-  if (key !== earlierFor) loadEarlier(key);
+  if (key !== earlierFor || Date.now() - earlier_ms > EARLIER_MS) loadEarlier(key);
   const name = snapshot.choices.objects.find((each) => each.id === byId("object").value)?.name;
   const fitting = earlier.filter((each) => each.complete && each.object === name).slice(0, MAX_EARLIER);
   const entries = fitting.map((each) => [
