@@ -268,10 +268,10 @@ def _work(strike: PlannedStrike, last: PlannedStrike | None, *, stands: bool) ->
 def _reason(before: Reached, after: Reached, target: Target, edge: str) -> str:
     parts: list[str] = []
     if target.com is not None:
-        parts.append(f"centre of mass {_mm(before.com)} to {_mm(after.com)} mm")
+        parts.append(f"centre of mass ± {_mm(before.com)} mm now, ± {_mm(after.com)} mm after it")
     if target.inertia is not None:
-        parts.append(f"moments {_percent(before.inertia)} to {_percent(after.inertia)} %")
-    return f"{edge}: expected {', '.join(parts)}"
+        parts.append(f"moments ± {_percent(before.inertia)} % now, ± {_percent(after.inertia)} % after it")
+    return f"{edge}: {', '.join(parts)}"
 
 
 def _obstacle(forecast: StrikeForecast, usable: Sequence[int], target: Target) -> str:
