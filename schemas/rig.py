@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -20,6 +20,9 @@ from schemas.striker_kind import STRIKER_KINDS, KindName, StrikerKind
 
 MAX_SENSOR_PX = 100_000
 """Largest width and height of a sensor [px]."""
+DEFAULT_MODEL: ModelName = "XM430-W210"
+CURRENT_LIMIT_A = 1.0
+"""Current limit unless the rig file gives one or the model takes less [A]."""
 SWING_SHARE = 0.6
 """Share of an arm's full acceleration that a swing uses: the rest holds it on the ordered motion."""
 MAX_WAIT_S = 3600.0
@@ -142,7 +145,7 @@ class StrikerConfig(Document):
         description="serial: 1 sigma of the time from first touch to the contact sensor's signal [s]",
     )
     id: int = Field(default=1, ge=0, le=252, description="id of the servo on the bus")
-    model: ModelName = Field(default="XM430-W210", description="model of the servo")
+    model: ModelName = Field(default=DEFAULT_MODEL, description="model of the servo")
     supply_v: float | None = Field(
         default=None, gt=0, le=30, description="supply voltage of the servo [V]; its nominal one if left out"
     )
@@ -172,7 +175,7 @@ class StrikerConfig(Document):
         default=COCKED_ANGLE_RAD, ge=-2.5, lt=0, description="angle from which the arm is released"
     )
     current_limit_a: float = Field(
-        default=1.0,
+        default=CURRENT_LIMIT_A,
         gt=0,
         le=5.5,
         description="current limit [A]; this and the limits below are at most those of the servo's registers",
@@ -246,12 +249,24 @@ class StrikerConfig(Document):
         """Angular acceleration that the arm follows in a swing: SWING_SHARE of the full one."""
         return SWING_SHARE * self.full_acceleration_rad_s2
 
+    @model_validator(mode="before")
+    @classmethod
+    def _current_that_the_model_takes(cls, data: Any) -> Any:
+        """Where no current limit is given, a small model's is the largest that it takes."""
+        if not isinstance(data, dict) or "current_limit_a" in data:
+            return data
+        model = SERVO_MODELS.get(data.get("model", DEFAULT_MODEL))
+        if model is None or model.most_current_a >= CURRENT_LIMIT_A:
+            return data
+        return data | {"current_limit_a": model.most_current_a}
+
     @model_validator(mode="after")
     def _current_of_the_model(self) -> Self:
         most_a = SERVO_MODELS[self.model].most_current_a
         if self.current_limit_a > most_a:
             raise ValueError(
-                f"current_limit_a = {self.current_limit_a:g} is above the {most_a:.3g} A of an {self.model}"
+                f"current_limit_a = {self.current_limit_a:g} is above the {most_a:.3g} A of an {self.model}: "
+                "lower it"
             )
         return self
 

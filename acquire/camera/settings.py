@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from acquire.camera.aravis_library import aravis_and_glib, reason
@@ -30,6 +31,8 @@ class Setting:
     """writes a value to the camera"""
     read: Callable[[], float | str]
     """reads the value from the camera"""
+    remedy: str = "correct the rig file"
+    """what to do if the camera takes another value"""
 
     def agrees(self, got: float | str) -> bool:
         """True if `got`, the value read back, is the wanted one: text exactly, a number within tolerance."""
@@ -57,6 +60,8 @@ REMEMBERED: tuple[tuple[str, int | bool | str], ...] = (
 )
 """features that a camera may keep from another program, by their standard names (SFNC), and the values that
 images need: whole pixels, the right way round, grey values in proportion to the light, nothing added"""
+MAKERS_REMEDY = "set it with the maker's program, and save that as the camera's default"
+"""what to do where the rig file has no such setting"""
 FRAME_TRIGGERS = ("FrameStart", "FrameBurstStart", "AcquisitionStart")
 """names under which cameras start a frame by a pulse, the usual first (Hikrobot knows only the second, old
 Baslers also the third)"""
@@ -74,66 +79,86 @@ def write_settings(camera: Any, config: CameraConfig) -> None:
         config: section `camera` of the rig file.
 
     Raises:
-        CameraSettingError: a setting reads back differently, or is out of the camera's range.
+        CameraSettingError: a setting reads back differently, or is refused.
         CameraError: the camera denies access.
-        GLib.Error: the camera stopped answering, or refused the modes that precede the settings.
+        GLib.Error: the camera stopped answering.
     """
     Aravis, GLib = aravis_and_glib()
-    _stop(camera)
+    _try(camera.stop_acquisition)  # a camera refuses its settings while it streams
     _load_makers_settings(camera)
     # Off by default, and then Width = 5000 is accepted (Aravis #562).
     camera.set_range_check_policy(Aravis.RangeCheckPolicy.ENABLE)
-    camera.set_acquisition_mode(Aravis.AcquisitionMode.CONTINUOUS)
-    if camera.is_exposure_auto_available():
-        camera.set_exposure_time_auto(Aravis.Auto.OFF)
-    if camera.is_gain_auto_available():
-        camera.set_gain_auto(Aravis.Auto.OFF)
-    camera.clear_triggers()
+    name = "acquisition mode"
+    try:
+        camera.set_acquisition_mode(Aravis.AcquisitionMode.CONTINUOUS)
+        name = "automatic exposure"
+        if camera.is_exposure_auto_available():
+            camera.set_exposure_time_auto(Aravis.Auto.OFF)
+        name = "automatic gain"
+        if camera.is_gain_auto_available():
+            camera.set_gain_auto(Aravis.Auto.OFF)
+        name = "triggers"
+        camera.clear_triggers()
+    except GLib.Error as error:
+        raise _refusal(f"camera {config.address}: {name}", error, MAKERS_REMEDY) from None
     for setting in _settings(camera, config):
         wanted = f"camera {config.address}: {setting.name} = {setting.text(setting.wanted)}"
         try:
             setting.write(setting.wanted)
             got = setting.read()
         except GLib.Error as error:
-            if error.matches(Aravis.device_error_quark(), Aravis.DeviceError.TIMEOUT):
-                raise  # the camera did not refuse, it stopped answering
-            if error.matches(Aravis.device_error_quark(), Aravis.DeviceError.PROTOCOL_ERROR_ACCESS_DENIED):
-                raise CameraError(
-                    f"camera {config.address} denies access to {setting.name}: another program controls it; "
-                    "close that program, or switch the camera off and on"
-                ) from None
-            raise CameraSettingError(
-                f"{wanted} was refused ({reason(error)}): correct the rig file"
-            ) from None
+            raise _refusal(wanted, error, setting.remedy) from None
         if not setting.agrees(got):
-            raise CameraSettingError(
-                f"{wanted} was written, {setting.text(got)} read back: correct the rig file"
-            )
+            raise CameraSettingError(f"{wanted} was written, {setting.text(got)} read back: {setting.remedy}")
 
 
-def _stop(camera: Any) -> None:
-    """Stop a stream that another program has left; a camera refuses its settings while it streams."""
-    Aravis, GLib = aravis_and_glib()
+def _refusal(what: str, error: Any, remedy: str) -> Exception:
+    """Exception for a setting that a camera refused; `error` itself if the camera stopped answering.
+
+    Args:
+        what: camera and setting, for the message.
+        error: GLib.Error of the attempt.
+        remedy: what to do if the camera takes no such setting.
+    """
+    Aravis, _ = aravis_and_glib()
+    if _timed_out(error):
+        return error
+    if error.matches(Aravis.device_error_quark(), Aravis.DeviceError.PROTOCOL_ERROR_ACCESS_DENIED):
+        return CameraError(
+            f"{what}: the camera denies access: another program controls it; close that program, or switch "
+            "the camera off and on"
+        )
+    return CameraSettingError(f"{what} was refused ({reason(error)}): {remedy}")
+
+
+def _timed_out(error: Any) -> bool:
+    """True if the camera did not refuse, but stopped answering."""
+    Aravis, _ = aravis_and_glib()
+    return bool(error.matches(Aravis.device_error_quark(), Aravis.DeviceError.TIMEOUT))
+
+
+def _try(call: Callable[[], Any]) -> Any:
+    """Result of a call that a camera may refuse, None then; a time-out is raised."""
+    _, GLib = aravis_and_glib()
     try:
-        camera.stop_acquisition()
+        return call()
     except GLib.Error as error:
-        if error.matches(Aravis.device_error_quark(), Aravis.DeviceError.TIMEOUT):
+        if _timed_out(error):
             raise
+        return None
 
 
 def _load_makers_settings(camera: Any) -> None:
-    """Load the maker's settings, where the camera has them (SFNC: UserSetSelector, UserSetLoad)."""
-    _, GLib = aravis_and_glib()
+    """Load the maker's settings, where the camera has them (SFNC: UserSetSelector, UserSetLoad).
+
+    Not all cameras allow it; what matters is set one by one afterwards.
+    """
     if not (camera.is_feature_available("UserSetSelector") and camera.is_feature_available("UserSetLoad")):
         return
-    if "Default" in camera.dup_available_enumerations_as_strings("UserSetSelector"):
-        try:
-            camera.set_string("UserSetSelector", "Default")
-            camera.execute_command("UserSetLoad")
-        except GLib.Error as error:
-            if "timeout" in reason(error).lower():
-                raise
-            # Not all cameras allow it; what matters is set one by one below.
+    if "Default" in (_try(lambda: camera.dup_available_enumerations_as_strings("UserSetSelector")) or ()):
+        _try(lambda: camera.set_string("UserSetSelector", "Default"))
+        if _try(lambda: camera.get_string("UserSetSelector")) == "Default":
+            _try(lambda: camera.execute_command("UserSetLoad"))
 
 
 def _settings(camera: Any, config: CameraConfig) -> Iterator[Setting]:
@@ -146,7 +171,7 @@ def _settings(camera: Any, config: CameraConfig) -> Iterator[Setting]:
         config: section `camera` of the rig file.
     """
     for name, wanted in REMEMBERED:
-        if camera.is_feature_available(name):
+        if camera.is_feature_available(name) and _try(partial(_reader(camera, wanted), name)) is not None:
             yield _remembered(camera, name, wanted)
     # Offsets to 0 first, then the size, then the offsets: each limits the other (Aravis #256).
     region = [
@@ -249,14 +274,22 @@ def _timing_settings(camera: Any, config: CameraConfig) -> Iterator[Setting]:
 
 def _remembered(camera: Any, name: str, wanted: int | bool | str) -> Setting:
     """Setting of a feature that is written only where it differs: some are locked at their value."""
-    kind = "boolean" if isinstance(wanted, bool) else "string" if isinstance(wanted, str) else "integer"
-    read, write = getattr(camera, f"get_{kind}"), getattr(camera, f"set_{kind}")
+    read, write = _reader(camera, wanted), getattr(camera, f"set_{_kind(wanted)}")
 
     def write_if_different(value: Any) -> None:
         if read(name) != value:
             write(name, value)
 
-    return Setting(name, wanted, 0.0, "", write_if_different, lambda: read(name))
+    return Setting(name, wanted, 0.0, "", write_if_different, lambda: read(name), MAKERS_REMEDY)
+
+
+def _reader(camera: Any, wanted: int | bool | str) -> Callable[[str], Any]:
+    """Function that reads a feature of the type of `wanted` by its name."""
+    return getattr(camera, f"get_{_kind(wanted)}")
+
+
+def _kind(value: int | bool | str) -> str:
+    return "boolean" if isinstance(value, bool) else "string" if isinstance(value, str) else "integer"
 
 
 def _name(camera: Any, name: str, wanted: str) -> Setting:

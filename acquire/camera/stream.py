@@ -308,7 +308,9 @@ class CameraStream:
         mapper.add_arrival(frame.device_time_ns, frame.host_time_ns)  # no effect if the clock is latched
         half_ns = round(frame.exposure_us * 500.0)
         stamped_ns = mapper.to_host(frame.device_time_ns)
-        mid = stamped_ns - half_ns if self._config.timestamp_at == "exposure_end" else stamped_ns + half_ns
+        # Without a clock that can be read the stamp counts as the arrival, which follows the exposure's end.
+        at_end = self._config.timestamp_at == "exposure_end" or not mapper.latched
+        mid = stamped_ns - half_ns if at_end else stamped_ns + half_ns
         lost = frame.lost_before
         if first and self._recent:
             # No frames were counted while the camera was away: estimate the loss from the gap in time.

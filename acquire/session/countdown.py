@@ -37,6 +37,7 @@ def count_down(call: Callable[..., Any], status: ProgressReporter, seconds: floa
     if seconds <= 0:
         return True
     stops = call("status")["stops"]
+    before = _newest(call)
     end_s = time.monotonic() + seconds
     status.count_down(time.time_ns() + round(seconds * 1e9))
     try:
@@ -44,9 +45,16 @@ def count_down(call: Callable[..., Any], status: ProgressReporter, seconds: floa
             time.sleep(min(LOOK_S, left_s))
             if call("status")["stops"] != stops or call("hold.status").get("held"):
                 return True
-            event = call("watch.latest")["event"]
-            if event and hands_are_near(WatchEvent.model_validate(event)):
+            event = _newest(call)
+            # An old event says nothing: `analyze watch` may have ended.
+            if event is not None and event != before and hands_are_near(event):
                 return False
     finally:
         status.count_down(None)
     return True
+
+
+def _newest(call: Callable[..., Any]) -> WatchEvent | None:
+    """Newest report of `analyze watch`; None before the first."""
+    event = call("watch.latest")["event"]
+    return WatchEvent.model_validate(event) if event else None

@@ -22,7 +22,7 @@ from acquire.virtual.camera_makes import (
     CameraMake,
 )
 
-INVALID_ADDRESS, ACCESS_DENIED = 0x8003, 0x8006
+INVALID_ADDRESS, WRITE_PROTECT, ACCESS_DENIED = 0x8003, 0x8005, 0x8006
 _READREG, _WRITEREG, _WRITEMEM = 0x80, 0x82, 0x86
 _TICKS = (0x93C, 0x940)
 _STREAM_PORT, _STREAM_ADDRESS = 0xD00, 0xD18
@@ -40,6 +40,8 @@ class GigeFaults:
     """True if another program has left it streaming: settings are denied until it is stopped"""
     hides_ticks: bool = False
     """True if it lacks the registers of its clock's frequency"""
+    locked: frozenset[int] = frozenset()
+    """registers that cannot be written"""
     mtu: int = 9000
     """largest packet that the network carries [bytes]"""
 
@@ -87,7 +89,9 @@ class FaultyRegisters:
         if command in (_WRITEREG, _WRITEMEM):
             if register == ACQUISITION and value == 0:
                 self._streams = False
-            return ACCESS_DENIED if self._streams and register in LOCKED else 0
+            if self._streams and register in LOCKED:
+                return ACCESS_DENIED
+            return WRITE_PROTECT if register in self._faults.locked else 0
         return INVALID_ADDRESS if self._faults.hides_ticks and register in _TICKS else 0
 
     def test_packet(self, command: int, register: int, value: int) -> tuple[bytes, tuple[str, int]] | None:

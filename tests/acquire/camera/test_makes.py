@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -9,14 +10,24 @@ import numpy as np
 import pytest
 
 from acquire.camera.aravis import AravisCamera
+from acquire.camera.stream import CameraStream
 from acquire.camera.subnet import not_found_remedy
 from acquire.clock.clock import SystemClock
 from acquire.errors import CameraSettingError
-from acquire.virtual.camera_makes import BINNING_X, CHUNKS, GAMMA, MAKES, REVERSE_X, TRIGGER_MODE
+from acquire.frames.frame import Frame
+from acquire.virtual.camera_makes import (
+    BINNING_X,
+    CHUNKS,
+    GAMMA,
+    MAKES,
+    REVERSE_X,
+    TRIGGER_MODE,
+    USER_SET_LOAD,
+)
 from acquire.virtual.gige_camera import VirtualGigeCamera
 from acquire.virtual.gige_faults import CameraHabits, GigeFaults
 from schemas.rig import CameraConfig
-from tests.acquire.virtual.pattern_source import PatternSource
+from tests.acquire.virtual.pattern_source import PatternSource, read_stamp
 from tests.loopback import loopback
 
 ADDRESS = loopback(52)
@@ -102,6 +113,22 @@ def test_a_gain_in_the_makes_unit_is_set(
         assert server._settings().gain_db == pytest.approx(6.0 if "gain_db" in gain else 108 * 0.0359)
 
 
+def test_a_remembered_setting_that_is_locked_is_named_with_its_remedy(camera_config: MakeConfig) -> None:
+    """The rig file has no such setting, so that correcting it would be no remedy."""
+    faults = GigeFaults(locked=frozenset({GAMMA, USER_SET_LOAD}))
+    with (
+        connected(camera_config(ADDRESS), CameraHabits(make=MAKES["mako"], faults=faults)) as (camera, _),
+        pytest.raises(CameraSettingError, match=r"GammaEnable = .* was refused .*: set it with the maker's"),
+    ):
+        camera.open()
+
+
+def test_settings_locked_at_the_wanted_value_do_not_matter(camera_config: MakeConfig) -> None:
+    faults = GigeFaults(locked=frozenset({GAMMA, REVERSE_X}))  # the user set has cleared them
+    with connected(camera_config(ADDRESS), CameraHabits(make=MAKES["mako"], faults=faults)) as (camera, _):
+        assert periods_ns(camera) == {8_333_000}
+
+
 def test_a_clock_without_its_frequency_is_told_and_frames_have_arrival_times(
     camera_config: MakeConfig,
 ) -> None:
@@ -112,6 +139,43 @@ def test_a_clock_without_its_frequency_is_told_and_frames_have_arrival_times(
         assert (
             "does not report its clock's frequency: frame times come from their arrival" in camera.warnings[0]
         )
+
+
+@pytest.mark.parametrize(
+    ("habits", "stated"),
+    [
+        (CameraHabits(make=MAKES["alvium-g1"]), "exposure_start"),
+        (CameraHabits(make=MAKES["alvium-g1"]), "trigger"),
+        (CameraHabits(make=MAKES["blackfly-s"]), "exposure_end"),
+        (CameraHabits(make=MAKES["mako"], faults=GigeFaults(hides_ticks=True)), "exposure_start"),
+    ],
+    ids=["start", "trigger", "end", "arrival"],
+)
+def test_frames_have_the_time_of_mid_exposure(
+    camera_config: MakeConfig, habits: CameraHabits, stated: str
+) -> None:
+    """The pattern carries the true start of its exposure; a wrong instant is off by the exposure, 6 ms."""
+    config = camera_config(ADDRESS, exposure_us=6000.0, frame_rate_hz=100.0, timestamp_at=stated)
+    clock = SystemClock()
+    server = VirtualGigeCamera(ADDRESS, "MID", PatternSource(clock, 1), clock, habits=habits)
+    off_ms: list[float] = []
+
+    def compare(frame: Frame) -> None:
+        true_ns = read_stamp(frame.image.reshape(-1))[0] + 3_000_000
+        off_ms.append(1e-6 * (frame.mid_exposure_ns - true_ns))
+
+    stream = CameraStream(
+        lambda: AravisCamera(config, clock), config, clock, compare, lambda _: None, lambda _: None
+    )
+    try:
+        stream.start()
+        end_s = time.monotonic() + 20.0
+        while len(off_ms) < 40 and time.monotonic() < end_s:
+            time.sleep(0.02)
+    finally:
+        stream.stop()
+        server.close()
+    assert abs(float(np.median(off_ms[10:]))) < (0.3 if stream.status().latched else 2.0)
 
 
 def test_packets_that_the_network_cuts_are_told(camera_config: MakeConfig) -> None:

@@ -15,7 +15,8 @@ class Daemon:
 
     Args:
         host: fake clock.
-        what: "hands", "stop" or "hold"; "" for nothing.
+        what: "hands", "stop" or "hold"; "dead" if `analyze watch` has ended, and its last report showed
+            hands; "" for nothing.
         after_s: time from the beginning until then [s].
     """
 
@@ -29,8 +30,9 @@ class Daemon:
         if name == "hold.status":
             return {"held": happened == "hold"}
         assert name == "watch.latest"
-        moving = 0.3 if happened == "hands" else 0.001
-        event = {"time_ns": 1, "markers": [], "at_rest": True, "saturated_fraction": 0.0}
+        moving = 0.3 if happened == "hands" or self.what == "dead" else 0.001
+        now_ns = 1 if self.what == "dead" else self.host.monotonic_ns()
+        event = {"time_ns": now_ns, "markers": [], "at_rest": True, "saturated_fraction": 0.0}
         return {"event": event | {"moving_fraction": moving}}
 
 
@@ -50,7 +52,7 @@ class Clock(Host):
 
 @pytest.mark.parametrize(
     ("what", "undisturbed", "passed_s"),
-    [("", True, 3.0), ("hands", False, 1.2), ("stop", True, 1.2), ("hold", True, 1.2)],
+    [("", True, 3.0), ("dead", True, 3.0), ("hands", False, 1.2), ("stop", True, 1.2), ("hold", True, 1.2)],
 )
 def test_the_countdown_waits_unless_something_happens(
     monkeypatch: pytest.MonkeyPatch, what: str, undisturbed: bool, passed_s: float

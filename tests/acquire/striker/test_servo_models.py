@@ -80,6 +80,11 @@ def test_a_current_above_the_models_is_refused() -> None:
         StrikerConfig(model="XL330-M288", current_limit_a=2.0)
 
 
+def test_without_a_current_limit_a_small_model_gets_its_own() -> None:
+    assert StrikerConfig(model="XC330-T181").current_limit_a == pytest.approx(0.91)
+    assert StrikerConfig(model="XM540-W270").current_limit_a == 1.0
+
+
 def test_a_plan_that_is_too_fast_names_what_would_do() -> None:
     slow = StrikerConfig(model="XM430-W350")
     limits = RigLimits(slow.tip_speeds(), None, [[0.0] * 4] * 4, slow.arm_length_m)
