@@ -13,7 +13,7 @@ OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(basename $(notdir $(OBJECT)))-$(SEED).mcap
 
-.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-console bench-honesty bench-adaptive attack bench-world-sessions bench-batch bench-import bench-unplanned bench-world bench-world-strikes bench-devices bench-servo-safety protos lock clean
+.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-console bench-honesty bench-adaptive attack bench-world-sessions bench-batch bench-import bench-unplanned bench-world bench-world-strikes bench-devices bench-read-rate bench-late-stamps bench-servo-safety protos lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -219,6 +219,12 @@ bench-world-strikes: setup  ## whether strikes that a plan refuses truly fail in
 
 bench-devices: setup  ## every make of camera and model of servo, simulated: discovery, check, use, stop (two minutes)
 	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.devices
+
+bench-read-rate: setup  ## error of a contact's time by the delay of the servo's adapter (three minutes)
+	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.read_rate
+
+bench-late-stamps: setup  ## the sample recording's answer with its frames late, as a wrong stamp makes them (one minute)
+	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.late_stamps
 
 bench-servo-safety: setup  ## faults of servos, with and without the striker's precautions: how fast the arm moves, and how long (one minute)
 	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.servo_safety

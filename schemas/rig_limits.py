@@ -32,6 +32,13 @@ class TipSpeeds:
         """True if the tip speed [m/s] is in the range, ends included; False for NaN."""
         return self.slowest_m_s <= tip_speed_m_s <= self.fastest_m_s
 
+    def problem(self, tip_speed_m_s: float) -> str:
+        """Text on a tip speed [m/s] that is not in the range; empty if it is."""
+        if self.allow(tip_speed_m_s):
+            return ""
+        limits = f"{self.slowest_m_s:.3g} to {self.fastest_m_s:.3g} m/s"
+        return f"a tip speed of {tip_speed_m_s:.3g} m/s is outside {limits}"
+
 
 def tip_speeds(
     arm_length_m: float = ARM_LENGTH_M,

@@ -221,8 +221,8 @@ def _rate(state: ServoState) -> Check:
 def contact_time_sd_s(reads_per_s: float) -> float:
     """Typical standard deviation of the time of a contact [s] at a rate of reading [1/s].
 
-    It grows with the interval between readings; measured on the virtual servo, ten strikes each: 0.29 ms at
-    800 readings a second, 0.46 at 490, 0.67 at 320, 1.06 at 244, 2.5 at 162.
+    It grows with the interval between readings; measured on the virtual servo (`make bench-read-rate`):
+    0.30 ms at 814 readings a second, 0.47 at 486, 0.67 at 323, 0.94 at 243.
     """
     return CONTACT_SD_S * 1000.0 / reads_per_s
 

@@ -15,6 +15,7 @@ from serial.tools import list_ports
 
 from acquire.errors import StrikerError
 from acquire.striker.packets import BlockingPort, StrictPacketHandler
+from acquire.striker.port_problem import port_problem
 from schemas.servo_models import LEAST_FIRMWARE, model_of, unsuited_text
 
 BAUD_RATES: Final = (1_000_000, 57_600, 2_000_000, 3_000_000, 4_000_000, 115_200, 9_600, 4_500_000)
@@ -95,10 +96,7 @@ def _search(path: str, baud_rate: int) -> Iterator[FoundServo]:
         if baud_rate in OLD_BAUD_RATES:
             yield from _search_old(port, path, baud_rate)
     except (OSError, SerialException) as error:
-        raise StrikerError(
-            f"{path}: cannot be opened ({error}): stop the program that uses it, and check that you are in "
-            "the group dialout"
-        ) from None
+        raise StrikerError(f"{path}: {port_problem(path, error)}") from None
     finally:
         if port.is_open:
             port.closePort()

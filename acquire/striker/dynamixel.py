@@ -265,12 +265,9 @@ class DynamixelStriker(Striker):
     def _checked_velocity(self, tip_speed_m_s: float) -> float:
         # Compared as tip speed, like the plan's limits, so that rounding never makes a planned speed a
         # refused one.
-        limits = self._config.tip_speeds()
-        if not limits.allow(tip_speed_m_s):
+        if problem := self._config.tip_speeds().problem(tip_speed_m_s):
             raise StrikerRefused(
-                f"a tip speed of {tip_speed_m_s:.3g} m/s is outside {limits.slowest_m_s:.3g} to "
-                f"{limits.fastest_m_s:.3g} m/s; "
-                "change velocity_limit_rad_s, cocked_angle_rad or arm_length_m in the rig file"
+                f"{problem}; change velocity_limit_rad_s, cocked_angle_rad or arm_length_m in the rig file"
             )
         return tip_speed_m_s / self._config.arm_length_m
 
@@ -432,6 +429,12 @@ class DynamixelStriker(Striker):
         again = self._status.state is StrikerState.FAULT and str(error) == self._fault_text
         self._fault_text = str(error)
         self._status = advance(self._status, StrikerState.FAULT, self._clock.monotonic_ns())
+        with contextlib.suppress(StrikerError):
+            # Without torque a moving arm would run on against its friction alone; the watchdog stops one
+            # whose servo is lost.
+            if not isinstance(error, StrikerLost):
+                self._motion.brake()
+                time.sleep(DAMPED_S)
         with contextlib.suppress(StrikerError):
             self._servo.torque_off()
         if isinstance(error, StrikerLost):

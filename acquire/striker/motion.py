@@ -193,10 +193,10 @@ class ArmMotion:
 
     def _brake_if_stopped(self) -> None:
         if self._stop_requested():
-            self._brake()
+            self.brake()
             raise MotionStopped
 
-    def _brake(self) -> None:
+    def brake(self) -> None:
         """Bring a moving arm to rest with as little waiting as possible; its position is not held yet.
 
         The last samples give the arm's velocity, and the current limit gives the time in which full reverse

@@ -233,12 +233,8 @@ class SerialStriker(Striker):
             self._consume_stop()
             self._disarm_if_expired()
             advance(self._status, StrikerState.RELEASED, self._clock.monotonic_ns())
-            limits = self._config.tip_speeds()
-            if not limits.allow(tip_speed_m_s):
-                raise StrikerRefused(
-                    f"a tip speed of {tip_speed_m_s:.3g} m/s is outside {limits.slowest_m_s:.3g} to "
-                    f"{limits.fastest_m_s:.3g} m/s; change speed_range_m_s in the rig file"
-                )
+            if problem := self._config.tip_speeds().problem(tip_speed_m_s):
+                raise StrikerRefused(f"{problem}; change speed_range_m_s in the rig file")
             self._strike_id = strike_id
             outcome: StrikeOutcome = self._run_guarded(lambda: self._strike(round(1000 * tip_speed_m_s)))
             return outcome

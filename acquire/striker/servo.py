@@ -15,6 +15,7 @@ from acquire.striker.base import ServoHealth
 from acquire.striker.bus import Block, MonotonicClock, ServoBus, attempts
 from acquire.striker.control_table import Register, control_table
 from acquire.striker.deadman import DeadManSwitch
+from acquire.striker.gains import damping_gain, position_gains
 from acquire.striker.sample import (
     ACCELERATION_UNIT_RAD_S2,
     TICK_RAD,
@@ -48,21 +49,6 @@ ALL_ANSWERS = 2
 """value of Status Return Level: every request is answered"""
 WATCHDOG_TRIPPED = 0xFF
 """value of Bus Watchdog after the watchdog has stopped the motor"""
-POSITION_P_GAIN = 1600
-"""twice the default, for a servo of POSITION_TORQUE_N_M: the arm's weight then shifts it by 2 ticks, and it
-follows a swing within 10 ms"""
-POSITION_TORQUE_N_M = 3.0
-"""stall torque for which POSITION_P_GAIN is meant [N m]; a weaker servo gets a larger gain"""
-DAMPING_N_M_S = 0.25
-"""damping of the arm's motion by back EMF and derivative gain together [N m s/rad]; that of an XM430-W210 by
-its back EMF alone is larger"""
-DERIVATIVE_UNIT_S = 1e-3 / 16 / TICK_RAD / 885
-"""duty per unit of Position D Gain and of speed [s/rad] (e-manual: gain / 16, per control period of 1 ms)"""
-MOST_GAIN = 16383
-"""largest value of a gain's register"""
-DAMPING_D_GAIN = 4000
-"""gain of a stopped arm without a position goal: the remaining speed is lost in some 5 ms, and nothing pulls
-it back"""
 BRAKE_GOAL_OFFSET_RAD = 0.1
 """distance of a brake's goal behind the arm [rad]: at POSITION_P_GAIN this demands more than any current
 limit allows; should this host fall silent now, the arm comes to rest there"""
@@ -317,7 +303,7 @@ class Servo:
             StrikerLost: the servo does not answer.
         """
         self._bus.write(self._table["Bus Watchdog"], 0)
-        self._bus.write(*self._position_gains())  # RAM: lost with every reboot
+        self._bus.write(*self._gains(*position_gains(self._model)))  # RAM: lost with every reboot
         self._bus.write(self._table["Goal Current"], self._limits()["Current Limit"])
         self._bus.write(self._table["Torque Enable"], 1)
 
@@ -437,7 +423,7 @@ class Servo:
         Raises:
             StrikerLost: the port failed or is closed.
         """
-        self._bus.write_unanswered(*self._gains(0, self._stronger(DAMPING_D_GAIN)))
+        self._bus.write_unanswered(*self._gains(0, damping_gain(self._model)))
 
     def hold(self) -> None:
         """Hold the arm where it is, with this module's position gain.
@@ -448,22 +434,7 @@ class Servo:
             StrikerLost: the servo does not answer.
         """
         self.move_to(self.require_sample().position_rad, 0.0, 0.0)
-        self._bus.write(*self._position_gains())
-
-    def _position_gains(self) -> tuple[Register, int]:
-        """Gains with which the servo holds a position: those of an XM430-W210, whatever the motor's strength.
-
-        What a weaker motor lacks in damping by its own back EMF, the derivative gain supplies.
-        """
-        model = self._model
-        back_emf = model.stall_torque_n_m / model.no_load_rad_s
-        damping = max(0.0, DAMPING_N_M_S - back_emf) / (DERIVATIVE_UNIT_S * model.stall_torque_n_m)
-        return self._gains(self._stronger(POSITION_P_GAIN), min(MOST_GAIN, round(damping)))
-
-    def _stronger(self, gain: int) -> int:
-        """Gain that gives this motor the torque which `gain` gives one of POSITION_TORQUE_N_M."""
-        weaker = max(1.0, POSITION_TORQUE_N_M / self._model.stall_torque_n_m)
-        return min(MOST_GAIN, round(gain * weaker))
+        self._bus.write(*self._gains(*position_gains(self._model)))
 
     def _gains(self, proportional: int, derivative: int) -> tuple[Register, int]:
         first = self._table["Position D Gain"]

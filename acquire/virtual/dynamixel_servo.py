@@ -15,7 +15,6 @@ import os
 import random
 import struct
 import termios
-import tty
 from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -39,6 +38,7 @@ from acquire.virtual.dynamixel_protocol import (
     encode,
 )
 from acquire.virtual.dynamixel_registers import WATCHDOG_TRIPPED, Registers
+from acquire.virtual.pty_device import PtyDevice
 from schemas.servo_models import SERVO_MODELS, ModelName
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ class WireTime:
     """constant delay of the USB adapter [ns]: some 500 readings a second are possible with this one"""
 
 
-class DynamixelServo:
+class DynamixelServo(PtyDevice):
     """Virtual servo, owned by the loop that also steps the physics.
 
     Call `service` as soon as `fd`, the pseudo-terminal's descriptor, is readable: the host takes the middle
@@ -140,34 +140,11 @@ class DynamixelServo:
         self._overload_since_ns: int | None = None
         self._measure(now_ns)
         self.registers["Goal Position"] = self.registers["Present Position"]
-        self.port_path = link_path
-        self.plug_in()
+        super().__init__(link_path)
 
-    def plug_in(self) -> None:
-        """Create the servo's pseudo-terminal and the symbolic link to it, at the start and after `close`.
-
-        Registers and motion are not affected. An existing link is replaced.
-        """
-        self.fd, self._slave = os.openpty()
-        tty.setraw(self._slave)  # kept open, so that clients may connect and disconnect
-        os.set_blocking(self.fd, False)
-        temporary = self.port_path.with_name(self.port_path.name + f".{os.getpid()}")
-        temporary.symlink_to(os.ttyname(self._slave))
-        temporary.replace(self.port_path)
-
-    @property
-    def plugged_in(self) -> bool:
-        """True while the servo's pseudo-terminal exists."""
-        return self.fd >= 0
-
-    def close(self) -> None:
-        """Unplug the servo: remove its pseudo-terminal and link, drop waiting answers. May be repeated."""
-        if self.plugged_in:
-            for fd in (self.fd, self._slave):
-                os.close(fd)
-            self.fd = self._slave = -1
-            self._answers.clear()
-        self.port_path.unlink(missing_ok=True)
+    def on_unplugged(self) -> None:
+        """Drop waiting answers; registers and motion are not affected."""
+        self._answers.clear()
 
     # --- arm
 

@@ -11,9 +11,9 @@ import contextlib
 import enum
 import os
 import random
-import tty
 from typing import TYPE_CHECKING
 
+from acquire.virtual.pty_device import PtyDevice
 from acquire.virtual.station import ARM_LENGTH_M
 from acquire.virtual.striker_firmware import StrikerFirmware
 
@@ -46,7 +46,7 @@ class _Motion(enum.Enum):
     COASTING = "coasting"
 
 
-class SerialBoard:
+class SerialBoard(PtyDevice):
     """Virtual board and arm, owned by the loop that also steps the physics.
 
     Call `service` as soon as `fd`, the pseudo-terminal's descriptor, is readable, `torque` once per physics
@@ -76,31 +76,11 @@ class SerialBoard:
         self._motion, self._target_rad_s, self._fired_ns = _Motion.HELD, 0.0, 0
         self._time_ns = clock_ns()
         self.firmware = StrikerFirmware(seed, self._time_ns, self._fire, self._end_drive, self._is_drawn_back)
-        self.port_path = link_path
-        self.plug_in()
+        super().__init__(link_path)
 
-    def plug_in(self) -> None:
-        """Create the board's pseudo-terminal and the symbolic link to it, at the start and after `close`."""
-        self.fd, self._slave = os.openpty()
-        tty.setraw(self._slave)  # kept open, so that clients may connect and disconnect
-        os.set_blocking(self.fd, False)
-        temporary = self.port_path.with_name(self.port_path.name + f".{os.getpid()}")
-        temporary.symlink_to(os.ttyname(self._slave))
-        temporary.replace(self.port_path)
-
-    @property
-    def plugged_in(self) -> bool:
-        """True while the board's pseudo-terminal exists."""
-        return self.fd >= 0
-
-    def close(self) -> None:
-        """Unplug the board, which loses its power: it is reset. May be repeated."""
-        if self.plugged_in:
-            for fd in (self.fd, self._slave):
-                os.close(fd)
-            self.fd = self._slave = -1
-            self.firmware.reset(self._time_ns)
-        self.port_path.unlink(missing_ok=True)
+    def on_unplugged(self) -> None:
+        """Reset the board, which has lost its power."""
+        self.firmware.reset(self._time_ns)
 
     def fail(self, _bit: int = 0) -> None:
         """Put the board into the fault `overload`, whatever bit is given; its `stop` ends it."""

@@ -19,13 +19,14 @@ from scipy.spatial.transform import Rotation
 from acquire.session import actions, events
 from acquire.session.machine import SessionMachine
 from acquire.striker.detector import ContactDetector
+from acquire.striker.gains import POSITION_P_GAIN
 from acquire.striker.sample import (
     ACCELERATION_UNIT_RAD_S2,
     TICK_RAD,
     VELOCITY_UNIT_RAD_S,
     Sample,
 )
-from acquire.striker.servo import CURRENT_BASED_POSITION, POSITION_P_GAIN, RUN_THROUGH_RAD
+from acquire.striker.servo import CURRENT_BASED_POSITION, RUN_THROUGH_RAD
 from acquire.virtual.dynamixel_motor import ZERO_TICKS, Motor
 from acquire.virtual.dynamixel_registers import Registers
 from acquire.virtual.objects import VirtualObject, load_object

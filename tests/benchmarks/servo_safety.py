@@ -21,6 +21,7 @@ from acquire.errors import StrikerError
 from acquire.striker import motion, servo
 from acquire.striker.dynamixel import DynamixelStriker
 from acquire.striker.motion import SLOW_RAD_S
+from acquire.virtual.dynamixel_servo import HardwareError
 from tests.acquire.striker.conftest import Heard
 from tests.acquire.striker.plant import ARM_LENGTH, Plant
 
@@ -48,12 +49,14 @@ class Row:
 
 @contextlib.contextmanager
 def without_precautions() -> Iterator[None]:
-    """Leave the servo's memory as it is, its firmware unchecked and its restarts unnoticed."""
+    """Check neither memory, firmware nor restarts, wait 100 ms for the bus, and brake no faulty servo."""
     with (
+        mock.patch.object(servo, "WATCHDOG_UNITS", 5),
         mock.patch.object(servo, "SAFE_MEMORY", {}),
         mock.patch.object(servo, "positions_problem", return_value=""),
         mock.patch.object(servo, "firmware_problem", return_value=""),
         mock.patch.object(motion, "MAX_UNWATCHED_NS", 0),
+        mock.patch.object(motion.ArmMotion, "brake"),
     ):
         yield
 
@@ -82,7 +85,7 @@ def measure(
                 fault_s = act(plant, striker)
             except StrikerError as error:
                 said = str(error).partition(": ")[2]
-                fault_s = plant.restarts[0] * 1e-9 if plant.restarts else 0.0
+                fault_s = plant.happened[0] * 1e-9 if plant.happened else 0.0
             if fault_s:
                 time.sleep(AFTER_S)
             fastest = max((abs(omega) for _, _, omega in plant.history), default=0.0)
@@ -109,18 +112,31 @@ def _cocked(striker: DynamixelStriker) -> None:
 def strike_frozen(plant: Plant, striker: DynamixelStriker) -> float:
     """Strike, and lose every request from the middle of the swing on: the bus watchdog trips."""
     _cocked(striker)
-    plant.lose_when(lambda _angle: plant.omega > 0.8 * TIP_SPEED_M_S / ARM_LENGTH)
+    plant.act_when(
+        lambda _angle: plant.omega > 0.8 * TIP_SPEED_M_S / ARM_LENGTH, lambda _now_ns: plant.frozen.set()
+    )
     with contextlib.suppress(StrikerError):
         striker.strike("s1", TIP_SPEED_M_S)
-    return plant.restarts[0] * 1e-9
+    return plant.happened[0] * 1e-9
+
+
+def strike_undervolted(plant: Plant, striker: DynamixelStriker) -> float:
+    """Strike, and let the servo report a wrong supply voltage in the middle of the swing."""
+    _cocked(striker)
+    plant.act_when(
+        lambda _angle: plant.omega > 0.8 * TIP_SPEED_M_S / ARM_LENGTH,
+        lambda _now_ns: plant.servo.fail(HardwareError.INPUT_VOLTAGE),
+    )
+    striker.strike("s1", TIP_SPEED_M_S)
+    return plant.happened[0] * 1e-9
 
 
 def strike_restarted(plant: Plant, striker: DynamixelStriker) -> float:
     """Strike, and restart the servo in the middle of the swing, as a supply that drops does."""
     _cocked(striker)
-    plant.restart_when(lambda _angle: plant.omega > 0.8 * TIP_SPEED_M_S / ARM_LENGTH)
+    plant.act_when(lambda _angle: plant.omega > 0.8 * TIP_SPEED_M_S / ARM_LENGTH, plant.servo._reboot)
     striker.strike("s1", TIP_SPEED_M_S)
-    return plant.restarts[0] * 1e-9
+    return plant.happened[0] * 1e-9
 
 
 CASES = (
@@ -130,6 +146,7 @@ CASES = (
     ("firmware 37", {"Firmware Version": 37}, home, SLOW_RAD_S),
     ("watchdog trips", {}, strike_frozen, TIP_SPEED_M_S / ARM_LENGTH),
     ("watchdog trips, offset 500", {"Homing Offset": 500}, strike_frozen, TIP_SPEED_M_S / ARM_LENGTH),
+    ("wrong voltage in the swing", {}, strike_undervolted, TIP_SPEED_M_S / ARM_LENGTH),
     ("restart in the swing", {}, strike_restarted, TIP_SPEED_M_S / ARM_LENGTH),
 )
 

@@ -92,9 +92,9 @@ class Plant:
         self._wire = threading.Lock()
         self._plugged = True
         self._held = False
-        self._restart: Callable[[float], bool] | None = None
-        self._loss: Callable[[float], bool] | None = None
-        self.restarts: list[int] = []
+        self._awaited: tuple[Callable[[float], bool], Callable[[int], object]] | None = None
+        self.happened: list[int] = []
+        """times at which the awaited has happened [ns]"""
         self._thread = threading.Thread(target=self._run, name="plant")
 
     def __enter__(self) -> Plant:
@@ -185,31 +185,20 @@ class Plant:
         """Delay all answers of the servo by `seconds` from now on, as an adapter does; 0 ends the delay."""
         self.servo._wire = WireTime(round(seconds * 1e9)) if seconds else None
 
-    def restart_when(self, reached: Callable[[float], bool]) -> list[int]:
-        """Restart the servo, as a supply that drops does, once `reached` is true of the arm's angle [rad].
+    def act_when(self, reached: Callable[[float], bool], act: Callable[[int], object]) -> None:
+        """Call `act` with the time [ns] once `reached` is true of the arm's angle [rad]; `happened` keeps it.
 
-        Returns:
-            List that will hold the time of the restart [ns].
+        A supply that drops restarts the servo (`servo._reboot`); after a cut cable it hears nothing more
+        (`frozen.set`).
         """
-        self._restart, self.restarts = reached, []
-        return self.restarts
-
-    def lose_when(self, reached: Callable[[float], bool]) -> None:
-        """Let the servo hear nothing more once `reached` is true of the arm's angle [rad]: a cut cable.
-
-        The time is the first of `restarts`.
-        """
-        self._loss, self.restarts = reached, []
+        self._awaited, self.happened = (reached, act), []
 
     def _step(self, now_ns: int, dt: float) -> None:
-        if self._loss is not None and self._loss(self.angle):
-            self._loss = None
-            self.restarts.append(now_ns)
-            self.frozen.set()
-        if self._restart is not None and self._restart(self.angle):
-            self._restart = None
-            self.restarts.append(now_ns)
-            self.servo._reboot(now_ns)
+        if self._awaited is not None and self._awaited[0](self.angle):
+            _, act = self._awaited
+            self._awaited = None
+            self.happened.append(now_ns)
+            act(now_ns)
         torque = self.servo.torque(self.angle, self.omega, now_ns)
         self.history.append((now_ns, self.angle, self.omega))
         count = 1 if self.gap is None else SUBSTEPS

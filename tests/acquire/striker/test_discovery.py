@@ -80,5 +80,5 @@ def test_an_ax_12_is_told_what_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_port_that_is_missing_is_named() -> None:
-    with pytest.raises(StrikerError, match="/dev/ttyNone: cannot be opened"):
+    with pytest.raises(StrikerError, match="/dev/ttyNone: no such serial port"):
         list(discover_servos(["/dev/ttyNone"], lambda _: None))

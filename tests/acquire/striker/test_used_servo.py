@@ -105,14 +105,32 @@ def test_the_supply_fails_in_a_swing(tmp_path: Path, heard: Heard) -> None:
         striker.arm()
         striker.cock()
         ordered = plant.config().tip_speeds().fastest_m_s * 0.5 / plant.config().arm_length_m
-        failed_ns = plant.restart_when(lambda angle: angle > -0.3)
+        plant.act_when(lambda angle: angle > -0.3, plant.servo._reboot)
         with pytest.raises(StrikerFault, match="restarted"):
             striker.strike("s1", ordered * plant.config().arm_length_m)
         assert striker.state is StrikerState.FAULT
-        assert fastest_rad_s(plant, failed_ns[0]) < 1.1 * ordered
+        assert fastest_rad_s(plant, plant.happened[0]) < 1.1 * ordered
         striker.home()  # from the fault, as the next session does
         assert striker.state is StrikerState.HOMED
         assert plant.servo.registers["Position P Gain"] > 800
+
+
+def test_an_arm_in_motion_is_braked_before_a_faulty_servo_loses_its_torque(
+    tmp_path: Path, heard: Heard
+) -> None:
+    with Plant(tmp_path) as plant, heard.opened(plant.config()) as striker:
+        striker.home()
+        striker.arm()
+        striker.cock()
+        plant.act_when(
+            lambda angle: angle > -0.3, lambda _now_ns: plant.servo.fail(HardwareError.INPUT_VOLTAGE)
+        )
+        with pytest.raises(StrikerFault, match="input voltage"):
+            striker.strike("s1", 0.3)
+        time.sleep(0.2)
+        moving = [when for when, _, omega in plant.history if abs(omega) > 0.15]
+        assert max(moving) - plant.happened[0] < 100_000_000 + 1e6 * plant.delay_ms(plant.happened[0])
+        assert plant.servo.registers["Torque Enable"] == 0
 
 
 def test_a_wrong_supply_voltage_is_named(tmp_path: Path, heard: Heard) -> None:
