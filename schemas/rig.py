@@ -105,6 +105,8 @@ class CameraConfig(Document):
     @model_validator(mode="after")
     def _possible_for_the_kind(self) -> Self:
         traits = self.traits
+        if self.gain_db is not None and self.gain_raw is not None:
+            raise ValueError("gain_db and gain_raw are both given: keep the one that the camera counts in")
         if self.pixel_format not in traits.pixel_formats:
             raise ValueError(
                 f'pixel_format = "{self.pixel_format}" is not one of {traits.description}: '
@@ -187,6 +189,16 @@ class StrikerConfig(Document):
     arming_expires_s: float = Field(
         default=20.0, gt=0, le=600, description="time after which an unused arming expires [s]"
     )
+
+    @field_validator("model", mode="before")
+    @classmethod
+    def _known(cls, value: object) -> object:
+        if isinstance(value, str) and value not in SERVO_MODELS:
+            raise ValueError(
+                f"{value} cannot drive the striker, as it has no current limit, or is unknown here: use one "
+                f"of {', '.join(SERVO_MODELS)}"
+            )
+        return value
 
     @field_validator("reach_m")
     @classmethod

@@ -160,6 +160,7 @@ def test_an_unknown_key_is_refused_by_both(tmp_path: Path, section: str) -> None
         ("striker", "restitution = 1.2"),
         ("striker", "cocked_angle_rad = 0.3"),
         ("striker", "cocked_angle_rad = -3"),
+        ("camera", "gain_db = 3\ngain_raw = 200"),
         ("striker", "current_limit_a = 50"),
         ("striker", "velocity_limit_rad_s = 100"),
         ("striker", "temperature_limit_c = 5000"),

@@ -80,6 +80,11 @@ def test_a_current_above_the_models_is_refused() -> None:
         StrikerConfig(model="XL330-M288", current_limit_a=2.0)
 
 
+def test_a_model_without_a_current_limit_is_refused_with_the_reason() -> None:
+    with pytest.raises(ValueError, match="XL430-W250 cannot drive the striker, as it has no current limit"):
+        StrikerConfig.model_validate({"model": "XL430-W250"})
+
+
 def test_without_a_current_limit_a_small_model_gets_its_own() -> None:
     assert StrikerConfig(model="XC330-T181").current_limit_a == pytest.approx(0.91)
     assert StrikerConfig(model="XM540-W270").current_limit_a == 1.0
