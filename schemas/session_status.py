@@ -64,6 +64,8 @@ class SessionStatus(Document):
     """number of planned strikes done or given up"""
     total: int
     """number of all planned strikes"""
+    earlier: int = 0
+    """number of strikes in the earlier recordings with which the session goes on"""
     max_strikes: int | None = None
     arms_at_ns: int | None = Field(
         default=None, description="Unix time at which the countdown ends and the striker is armed [ns]"

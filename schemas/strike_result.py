@@ -33,6 +33,10 @@ class Verdict(enum.Enum):
     UNREADABLE = "unreadable"
 
 
+USABLE_VERDICTS = (Verdict.GOOD, Verdict.ROCKED_BACK)
+"""verdicts of usable strikes: one that rocked back still gives balance angle phi and rate constant k"""
+
+
 class AlternativeFit(Document):
     """Balance angle phi and rate k of a strike by another estimator than the one used.
 

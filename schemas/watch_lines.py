@@ -51,6 +51,11 @@ class WatchEvent(Document):
         default=None,
         description="outline of the object as planned, in image pixels; null if no strike is expected",
     )
+    axes_px: list[list[float]] | None = Field(
+        default=None,
+        description="object frame in image pixels: origin and ends of x, y and z, where the object stands, "
+        "or as planned while its offset is not determined; null if no strike is expected",
+    )
     moving_fraction: float | None = Field(
         default=None,
         description="fraction of the pixels in and around the outline that changed since the image before",

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from acquire.errors import SessionError
 from schemas.strike_plan import PlannedStrike, StrikePlan
-from schemas.strike_result import Verdict
+from schemas.strike_result import USABLE_VERDICTS, Verdict
 from schemas.watch_lines import AdviceRequest, SessionEstimate, StrikeVerdict
 from schemas.wording import counted
 
@@ -23,8 +23,6 @@ MAX_FAILURES = 4
 """attempts of one planned strike without a usable verdict after which it is given up"""
 MAX_DOUBTED = 6
 """answers in a row that are certain enough but fail a check, after which the session ends"""
-USABLE = (Verdict.GOOD, Verdict.ROCKED_BACK)
-"""verdicts of strikes that an estimate can use"""
 _SYNTAX = "write it as com=0.5mm, inertia=2%, or both with a comma between them"
 
 
@@ -98,7 +96,7 @@ class AdaptiveOrder:
         self.made += 1
         self._last, self._newest = strike.id, strike_id
         self._stands = verdict is not None and verdict.code is Verdict.ROCKED_BACK
-        if verdict is not None and verdict.code in USABLE:
+        if verdict is not None and verdict.code in USABLE_VERDICTS:
             self._good.add(strike.id)
             return
         self._failures[strike.id] += 1

@@ -9,6 +9,7 @@ from typing import Any
 
 from acquire.session.actions import Announce, WriteRecord
 from acquire.session.machine import State
+from acquire.session.options import DEFAULT_OPTIONS, SessionOptions
 from acquire.session.session_input import SessionInput
 from schemas.edge_names import edge_names
 from schemas.proto import percuss_pb2 as pb
@@ -23,8 +24,7 @@ class ProgressReporter:
         given: object and plan of the session.
         output: path of the recording.
         progress: function that returns the number of planned strikes done, and of all.
-        until: target at which the session ends, as the operator gave it; empty if there is none.
-        max_strikes: largest number of strikes; None if there is no limit.
+        options: target and earlier recordings of the session.
     """
 
     def __init__(
@@ -33,9 +33,7 @@ class ProgressReporter:
         given: SessionInput,
         output: Path,
         progress: Callable[[], tuple[int, int]],
-        *,
-        until: str = "",
-        max_strikes: int | None = None,
+        options: SessionOptions = DEFAULT_OPTIONS,
     ) -> None:
         self._call, self._progress = call, progress
         self._edges = edge_names(given.plan.strikes)
@@ -46,8 +44,9 @@ class ProgressReporter:
             file=str(output.resolve()),
             began_ns=time.time_ns(),
             total=len(given.plan.strikes),
-            until=until,
-            max_strikes=max_strikes,
+            until="" if options.target is None else str(options.target),
+            max_strikes=None if options.target is None else options.target.max_strikes,
+            earlier=0 if options.earlier is None else len(options.earlier.strikes),
         )
 
     def announce(self, action: Announce) -> None:

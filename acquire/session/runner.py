@@ -69,7 +69,7 @@ class SessionRunner:
         self._client, self._input, self._output = client, given, output
         self._progress, self._options = progress, options
         self._machine = SessionMachine(given.plan, options.target, options.earlier)
-        self._status = ProgressReporter(client.call, given, output, lambda: self._machine.progress)
+        self._status = ProgressReporter(client.call, given, output, lambda: self._machine.progress, options)
         self._anchor_ns = 0
         self._ordered = 0
         """number of strikes commanded to the striker"""

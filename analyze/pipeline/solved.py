@@ -26,7 +26,7 @@ from analyze.pipeline.rim_heading import with_heading_errors
 from analyze.pipeline.surface_error import SurfaceError, with_surface_error
 from analyze.pipeline.too_few import too_few_text
 from analyze.types import EquiPlane, TipMotion
-from schemas.strike_result import Verdict
+from schemas.strike_result import USABLE_VERDICTS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,8 +38,6 @@ CELLS = 4000
 """approximate number of cells that the body's volume is divided into"""
 MIN_STRIKES = 3
 """fewest usable strikes for an estimate"""
-USABLE_VERDICTS = (Verdict.GOOD, Verdict.ROCKED_BACK)
-"""verdicts of usable strikes: one that rocked back still gives balance angle phi and rate constant k"""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ SESSION_S = 500.0
 def wait(page: Page, done: Callable[[], bool], timeout_s: float = 60.0) -> None:
     end_s = time.monotonic() + timeout_s
     while not done():
-        assert time.monotonic() < end_s, page.locator("main").inner_text()
+        assert time.monotonic() < end_s, page.locator("body").inner_text()
         page.wait_for_timeout(100)
 
 
@@ -50,8 +50,8 @@ def page(chromium: Browser, bench: Bench) -> Iterator[Page]:
 
 
 def start_session(page: Page, bench: Bench, *, until: bool = False) -> None:
-    """Start daemon, check and session by the main button; `until`: with a target."""
-    press_main(page, "Start the daemon")
+    """Start rig, check and session by the main button; `until`: with a target."""
+    press_main(page, "Start the rig")
     wait(page, lambda: page.locator("#no-daemon").is_hidden())
     if "heck" in page.locator("#action-label").inner_text():
         page.keyboard.press("Enter")
@@ -65,6 +65,8 @@ def start_session(page: Page, bench: Bench, *, until: bool = False) -> None:
         page.check("input[value=until]")
     page.evaluate("document.activeElement.blur()")
     press_main(page, "Start")
+    with bench.client() as looks_on:
+        wait(page, lambda: looks_on.state().session is not None, 90.0)
 
 
 def place_until(page: Page, bench: Bench, done: Callable[[Snapshot], bool]) -> Snapshot:
@@ -73,7 +75,8 @@ def place_until(page: Page, bench: Bench, done: Callable[[Snapshot], bool]) -> S
     label = page.locator("#action-label")
     with bench.client() as looks_on:
         while not done(state := looks_on.state()):
-            assert time.monotonic() < end_s, page.locator("main").inner_text()
+            assert time.monotonic() < end_s, page.locator("body").inner_text()
+            assert not is_over(state), state.session
             ready = state.prompt is not None and state.prompt.hands_off
             if ready and "laced" in label.inner_text() and page.locator("#action").is_enabled():
                 page.keyboard.press("Enter")

@@ -10,10 +10,12 @@ import contextlib
 import json
 import mmap
 import os
+import re
 import tempfile
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
@@ -88,6 +90,27 @@ class Archive:
             raise Refusal(409, "NotComplete", message, "`acquire recover FILE` rebuilds it")
         return path
 
+    def new_path(self, name: str, object_name: str) -> Path:
+        """Path of a new recording in the folder.
+
+        Args:
+            name: its name, with or without the suffix; empty for one from the object's name and the time.
+            object_name: name of the object.
+
+        Raises:
+            Refusal: the name begins with a dot or is taken.
+        """
+        if not name:
+            plain = re.sub(r"[^A-Za-z0-9_-]+", "-", object_name).strip("-_") or "object"
+            name = f"{plain[:40]}-{datetime.now().astimezone():%Y%m%d-%H%M%S}"
+        if name.startswith(".") or name.strip() != name:
+            raise Refusal(422, "WrongName", "a recording's name begins and ends with a letter or digit")
+        self._folder.mkdir(parents=True, exist_ok=True)
+        path = self._folder / f"{name.removesuffix('.mcap')}.mcap"
+        if path.exists() or Path(f"{path}.part").exists():
+            raise Refusal(409, "NameTaken", f"a recording {path.name} exists already", "give another name")
+        return path
+
     def note_earlier(self, path: Path, earlier: list[Path]) -> None:
         """Keep which recordings a session goes on with: they give one answer together.
 
@@ -137,12 +160,11 @@ class Archive:
         """
         path = self.finished(recording_id)
         result = json.loads(self._analyses.run("estimate", *map(str, self.together(path)), "--json"))
-        self._results.mkdir(parents=True, exist_ok=True)
-        _write(self._kept(path, "json"), json.dumps(result))
+        self._keep(path, result)
         return result
 
     def report(self, recording_id: str) -> Path:
-        """Path of a recording's report, made with `analyze report` if none is kept.
+        """Path of a recording's report, made with `analyze report` if none is kept; its result is kept, too.
 
         Raises:
             Refusal: there is no such recording, or it is not complete.
@@ -154,7 +176,9 @@ class Archive:
             self._results.mkdir(parents=True, exist_ok=True)
             made = page.with_suffix(".new.html")
             made.unlink(missing_ok=True)
-            self._analyses.run("report", *map(str, self.together(path)), "-o", str(made), wait=True)
+            files = map(str, self.together(path))
+            content = json.loads(self._analyses.run("report", *files, "-o", str(made), "--json", wait=True))
+            self._keep(path, content["result"])
             made.replace(page)
         return page
 
@@ -186,6 +210,10 @@ class Archive:
             size_bytes=status.st_size,
             complete=head.complete,
         )
+
+    def _keep(self, path: Path, result: dict[str, Any]) -> None:
+        self._results.mkdir(parents=True, exist_ok=True)
+        _write(self._kept(path, "json"), json.dumps(result))
 
     def _kept(self, path: Path, suffix: str) -> Path:
         """Path of what is kept of a recording; another one if the recording has changed."""

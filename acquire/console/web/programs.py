@@ -54,6 +54,10 @@ class Detached:
         """Exit code; None while it runs."""
         return self._process.poll()
 
+    def end(self) -> None:
+        """Ask the program to end, as SIGTERM does; do not wait for its end."""
+        self._process.terminate()
+
     def complaint(self) -> str:
         """Last line that the program printed, without its name; empty if there is none."""
         with contextlib.suppress(OSError), self._log.open("rb") as file:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import math
-import re
 import shutil
 import threading
 import time
 from collections.abc import Callable
-from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
@@ -31,7 +29,7 @@ from acquire.errors import AcquireError, DaemonSilent, SessionError
 TICK_S: Final = 0.1
 SLOW_S: Final = 2.0
 """interval between two looks at folders and disk [s]"""
-BEGIN_S: Final = 15.0
+BEGIN_S: Final = 60.0
 """longest wait for a started session to open its recording [s]"""
 STOP_PATIENCE_S: Final = 2.0
 MARKS: Final = {"pass": "pass", "fail": "fail", "not checked": "skip"}
@@ -196,7 +194,7 @@ class RigConsole:
                 raise Refusal(409, "SessionOpen", "a session is open", "wait for its end, or end it")
             note = self._note(order)
             thing, plan, name = self._listing.paths(order.object_id, order.plan_id)
-            path = self._new_recording(order.name or _recording_name(name))
+            path = self._archive.new_path(order.name, name)
             arguments = ["acquire", "session", str(thing), str(plan), "-o", str(path)]
             arguments += ["--rig", str(self._rig_path), "--prompts", "others"]
             earlier = self._archive.all_before(order.resume)
@@ -212,7 +210,11 @@ class RigConsole:
             if not self._session_began():
                 self._link.attending = False
                 if session.running:
-                    raise SessionError("the session has not opened its recording: see `acquire status`")
+                    session.end()
+                    raise SessionError(
+                        f"the session did not open its recording within {BEGIN_S:g} s and was ended: see "
+                        "whether this computer is busy, then start it again"
+                    )
                 raise AcquireError(session.complaint() or f"the session ended with {session.code}")
 
     def pause(self, when: str) -> None:
@@ -336,20 +338,6 @@ class RigConsole:
             raise Refusal(409, "CheckNotPassed", f"the check did not pass: {found}", remedy)
         return f"started by the operator although the check did not pass ({found}): {order.override.strip()}"
 
-    def _new_recording(self, name: str) -> Path:
-        """Path of a new recording in the folder.
-
-        Raises:
-            Refusal: the name begins with a dot or is taken.
-        """
-        if name.startswith(".") or name.strip() != name:
-            raise Refusal(422, "WrongName", "a recording's name begins and ends with a letter or digit")
-        self._recordings.mkdir(parents=True, exist_ok=True)
-        path = self._recordings / f"{name.removesuffix('.mcap')}.mcap"
-        if path.exists() or Path(f"{path}.part").exists():
-            raise Refusal(409, "NameTaken", f"a recording {path.name} exists already", "give another name")
-        return path
-
     def _add_check(self, line: dict[str, Any]) -> None:
         shown = CheckLine(
             name=str(line["name"]),
@@ -386,12 +374,6 @@ class RigConsole:
                 folder = self._recordings if self._recordings.is_dir() else self._recordings.parent
                 with contextlib.suppress(OSError):
                     self._free_bytes = shutil.disk_usage(folder).free
-
-
-def _recording_name(object_name: str) -> str:
-    """Name of a recording from the object's name and the time."""
-    plain = re.sub(r"[^A-Za-z0-9_-]+", "-", object_name).strip("-_") or "object"
-    return f"{plain[:40]}-{datetime.now().astimezone():%Y%m%d-%H%M%S}"
 
 
 def _wait(done: Callable[[], bool], timeout_s: float) -> None:

@@ -17,15 +17,11 @@ from acquire.console.web import orders, streams
 from acquire.console.web.backend import Backend, Viewer
 from acquire.console.web.body import read_body
 from acquire.console.web.refusal import Refusal
+from acquire.console.web.report_wait import ReportWait
 from acquire.console.web.snapshot import Snapshot
 from acquire.console.web.visitors import Visitor, Visitors
 from schemas.document import Document
 
-REPORT_POLICY: Final = (
-    "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
-    "img-src data:; font-src data:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
-)
-"""Content-Security-Policy of a report: a page of its own that reaches neither the console nor the network"""
 DRAWING_POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'"
 """Content-Security-Policy of a drawing (SVG): shown as an image, it runs no script"""
 PREVIEW_TRIES: Final = 6
@@ -46,6 +42,7 @@ class Site:
     """set when the console ends: event streams and live images then end too"""
     stopping: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(4, "console-stop"))
     """threads that only stop the striker: other orders may wait for the rig"""
+    reports: ReportWait = field(default_factory=ReportWait)
 
     def viewer(self, visitor: Visitor) -> Viewer:
         """Role of a visitor, and who else looks on."""
@@ -177,9 +174,7 @@ async def _card(site: Site, request: Request, _: Any) -> Response:
 
 
 async def _report(site: Site, request: Request, _: Any) -> Response:
-    path = await run_in_threadpool(site.backend.report, _given_id(request, "recording_id"))
-    headers = {"content-security-policy": REPORT_POLICY}
-    return FileResponse(path, media_type="text/html", headers=headers)
+    return await site.reports.answer(_given_id(request, "recording_id"), site.backend.report)
 
 
 async def _download(site: Site, request: Request, _: Any) -> Response:
@@ -306,7 +301,7 @@ ROUTES: Final = (
     ApiRoute(
         "GET",
         "/api/archive/{recording_id}/report",
-        "Report on a recording.",
+        "Report on a recording; status 202 and a page that waits while it is being made.",
         _report,
         None,
         "text/html",

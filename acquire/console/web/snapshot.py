@@ -119,6 +119,8 @@ class StrikeView(Document):
     phi_sd_deg: float | None
     energy_ratio: float | None
     used: bool
+    """true if the estimate can use it: its verdict is "good" or "rocked_back"; others follow from the reading
+    of the whole recording"""
     curve: bool
     """true if GET /api/strikes/{id}/curve answers"""
 
@@ -135,6 +137,8 @@ class SessionView(Document):
     attempt: int
     done: int
     total: int
+    earlier: int
+    """number of strikes in the earlier recordings with which the session goes on"""
     max_strikes: int | None
     until: str
     paused: str | None
@@ -156,6 +160,8 @@ class PromptView(Document):
     card: str
     """address of the placement card's drawing; empty if there is none"""
     outline_px: list[list[float]] | None
+    axes_px: list[list[float]] | None
+    """object frame in the image [px]: origin and ends of x, y and z; null if it is not known"""
     offset_mm: list[float] | None
     angle_deg: float | None
     in_place: bool | None

@@ -19,6 +19,7 @@ from acquire.console.web.snapshot import (
 )
 from acquire.session.countdown import HANDS_FRACTION
 from schemas.rig import RigConfig
+from schemas.strike_result import USABLE_VERDICTS
 
 PLACED_MM: Final = 3.0
 """offset up to which the object counts as in place [mm]: a careful hand's; the pages show it in green"""
@@ -26,6 +27,7 @@ PLACED_DEG: Final = 2.0
 """turn up to which the object counts as in place [deg]"""
 STILL_S: Final = 0.5
 """time without such changes after which the hands count as off [s]"""
+USABLE: Final = frozenset(each.value for each in USABLE_VERDICTS)
 ARMED: Final = frozenset({"armed", "cocking", "settled"})
 POWERED: Final = ARMED | {"homed", "released", "contact", "miss", "catch", "verify"}
 
@@ -109,6 +111,7 @@ def session_view(report: RigReport, ended_by: str) -> SessionView | None:
         attempt=session["attempt"],
         done=session["done"],
         total=session["total"],
+        earlier=session["earlier"],
         max_strikes=session["max_strikes"],
         until=session["until"],
         paused=paused,
@@ -128,9 +131,9 @@ def prompt_view(report: RigReport, still_s: float) -> PromptView | None:
     prompt, watch = report.prompt, report.watch
     if prompt is None:
         return None
-    outline, offset, angle = None, None, None
+    outline, axes, offset, angle = None, None, None, None
     if watch is not None:
-        outline = watch.get("outline_px")
+        outline, axes = watch.get("outline_px"), watch.get("axes_px")
         if watch.get("offset_m") is not None:
             offset = [round(1e3 * each, 1) for each in watch["offset_m"]]
             angle = math.degrees(watch["yaw_error_rad"])
@@ -149,6 +152,7 @@ def prompt_view(report: RigReport, still_s: float) -> PromptView | None:
         edge=str(prompt.get("edge", "")),
         card=f"/api/cards/{prompt['strike_id']}" if prompt.get("strike_id") else "",
         outline_px=outline,
+        axes_px=axes,
         offset_mm=offset,
         angle_deg=None if angle is None else round(angle, 1),
         in_place=in_place,
@@ -174,7 +178,7 @@ def _strike_view(strike: dict[str, Any], report: RigReport) -> StrikeView:
         phi_deg=None if phi is None else round(math.degrees(phi), 3),
         phi_sd_deg=None if sd is None else round(math.degrees(sd), 4),
         energy_ratio=strike["energy_ratio"],
-        used=strike["verdict"] == "good",
+        used=strike["verdict"] in USABLE,
         curve=strike["id"] in report.curves,
     )
 

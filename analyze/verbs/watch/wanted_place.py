@@ -28,6 +28,8 @@ MAX_OFFSET_M, MAX_YAW_RAD = 0.3, math.radians(60.0)
 """offset and turn from the plan beyond which the object stands elsewhere: they are not reported"""
 MAX_RESIDUAL_PX = 6.0
 """root mean square distance of the corners [px] above which the object lies on another face"""
+AXIS_SHARE = 0.4
+"""length of the drawn axes over the length of the object's longest side"""
 _STEPS = 8
 _TURN, _SHIFT = 1e-4, 1e-5
 """steps of the numerical derivatives [rad, m]"""
@@ -60,6 +62,7 @@ class WantedPlace:
             if marker.T_object_marker is not None
         }
         self._outline = None if hull is None else self._projected_outline(hull)
+        self._axes = None if hull is None else _axes(hull)
         self._region: tuple[slice, slice] | None = None
         if self._outline is not None:
             low, high = self._outline.min(axis=0) - AROUND_PX, self._outline.max(axis=0) + AROUND_PX
@@ -68,7 +71,7 @@ class WantedPlace:
             self._region = (slice(int(top), max(int(bottom), 0)), slice(int(left), max(int(right), 0)))
 
     def compare(self, scenes: Sequence[Scene]) -> dict[str, Any]:
-        """Entries of a WatchEvent: planned outline, offset [m], turn [rad], fraction of changed pixels.
+        """Entries of a WatchEvent: planned outline, offset [m], turn [rad], axes, fraction of changed pixels.
 
         Args:
             scenes: markers and coarse grey levels of successive images, in order of time.
@@ -78,6 +81,7 @@ class WantedPlace:
             "outline_px": None if self._outline is None else np.round(self._outline, 1).tolist(),
             "offset_m": None if offset is None else [round(float(each), 5) for each in offset[:2]],
             "yaw_error_rad": None if offset is None else round(float(offset[2]), 5),
+            "axes_px": self._projected_axes(np.zeros(3) if offset is None else offset),
             "moving_fraction": self._moving(scenes),
         }
 
@@ -88,6 +92,15 @@ class WantedPlace:
             return None
         outline = cv2.convexHull(project(self._camera, inside).astype(np.float32))[:, 0, :]
         return outline[:: max(1, -(-len(outline) // MAX_OUTLINE_POINTS))].astype(float)
+
+    def _projected_axes(self, offset: Array) -> list[list[float]] | None:
+        """Origin and ends of the object's axes in the image [px]; None if one lies behind the camera."""
+        if self._axes is None:
+            return None
+        inside = self._in_camera(self._axes, offset)
+        if np.any(inside[:, 2] < 0.01):
+            return None
+        return np.round(project(self._camera, inside), 1).tolist()
 
     def _in_camera(self, points: Array, offset: Array) -> Array:
         """Points (n, 3) of O in the camera frame, with the object off its planned pose by (x, y, yaw)."""
@@ -145,3 +158,9 @@ class WantedPlace:
             return None
         gain = float(np.mean(now)) / max(float(np.mean(before)), 1.0)
         return round(float(np.mean(np.abs(now - gain * before) > CHANGED_GREY)), 4)
+
+
+def _axes(hull: Array) -> Array:
+    """Origin (0, 0, 0) of O and the ends of its drawn axes x, y and z: (4, 3) [m] in O."""
+    length = AXIS_SHARE * float(np.max(np.ptp(hull, axis=0)))
+    return np.vstack([np.zeros(3), length * np.eye(3)])

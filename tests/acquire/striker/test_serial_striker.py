@@ -192,7 +192,8 @@ def test_a_board_that_falls_silent_is_lost(
 ) -> None:
     striker.home()
     monkeypatch.setattr(board_link, "REPLY_NS", 20_000_000)
-    bench.silent.set()
+    with bench.serving:  # no reply is on its way
+        bench.silent.set()
     with pytest.raises(StrikerLost, match="no reply"):
         striker.arm()
     assert striker.state is StrikerState.FAULT

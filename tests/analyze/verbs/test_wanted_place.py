@@ -76,6 +76,16 @@ def test_the_outline_is_that_of_the_planned_object() -> None:
     assert 4 <= len(outline) <= 8
 
 
+def test_the_axes_are_drawn_where_the_object_stands() -> None:
+    origin = np.array(planned().p_world_object)
+    R_camera, p_camera = world_to_camera(camera())
+    for x in (0.0, 0.05):
+        axes = place().compare([scene(x)])["axes_px"]
+        seen = project(camera(), (origin + [x, 0.0, 0.0])[None] @ R_camera.T + p_camera)[0]
+        assert axes[0] == pytest.approx(seen, abs=0.5)
+        assert len(axes) == 4
+
+
 def test_without_a_shape_there_is_no_outline() -> None:
     tag = marker()
     found = WantedPlace(planned(), camera(), {tag.id: tag}, None).compare([scene(), scene()])

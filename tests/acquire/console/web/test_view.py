@@ -54,6 +54,7 @@ SESSION: dict[str, Any] = {
     "attempt": 1,
     "done": 0,
     "total": 3,
+    "earlier": 0,
     "max_strikes": None,
     "until": "",
     "strikes": [],

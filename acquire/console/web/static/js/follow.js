@@ -24,12 +24,33 @@ const VERDICTS = {
 /** Verdict in words; a verdict that is not listed, with spaces for its underscores. */
 export const verdictText = (verdict) => VERDICTS[verdict] ?? String(verdict ?? "").replaceAll("_", " ");
 
-/** True if the strike contributes to the estimate. */
-export const isUseful = (strike) => strike.verdict === "good" || strike.used === true;
+/** True if the estimate can use the strike. */
+export const isUseful = (strike) => strike.used === true;
+
+/** States of the striker in words. */
+const STRIKER_STATES = {
+  disarmed: "not armed",
+  homed: "at its start position",
+  armed: "armed",
+  cocking: "armed, drawing back",
+  settled: "armed, drawn back",
+  released: "striking",
+  contact: "striking",
+  catch: "braking",
+  verify: "braking",
+  miss: "missed",
+  fault: "in a fault",
+};
+
+/** State of the striker in words; a state that is not listed, as it is. */
+export const strikerText = (state) => STRIKER_STATES[state] ?? state;
 
 /** True if the session runs or is paused. */
-export const isRunning = (session) =>
-  Boolean(session) && !["idle", "finished", "aborted"].includes(session.state);
+export const isRunning = (session) => Boolean(session) && !["finished", "aborted"].includes(session.state);
+
+/** True if the strike rocked back in a session that stops itself: it counts and is not repeated. */
+export const countsAllTheSame = (strike, session) =>
+  strike.verdict === "rocked_back" && strike.used && Boolean(session?.until);
 
 /** Newest strike with a verdict, or null. */
 export function newestStrike(snapshot) {
@@ -37,13 +58,16 @@ export function newestStrike(snapshot) {
   return judged.at(-1) ?? null;
 }
 
+/** Remark on a strike that rocked back in a session that stops itself. */
+export const COUNTS_TEXT = "It rocked back before balance; its motion tells all the same";
+
 /** View in which the session's present step is operated. */
 export function viewFor(snapshot, verdictIsNew) {
   const session = snapshot.session;
-  if (!session || session.state === "idle") return "ready";
+  if (!session) return "ready";
   if (session.state === "finished" || session.state === "aborted") return "know";
   if (verdictIsNew) return "strike";
-  if (snapshot.prompt || ["placing", "checking_pose"].includes(session.state)) return "place";
+  if (snapshot.prompt || ["idle", "placing", "checking_pose"].includes(session.state)) return "place";
   return "strike";
 }
 
@@ -57,8 +81,8 @@ function placeSign(prompt) {
 
 function armedSign(armed) {
   if (isNumber(armed?.countdown_s)) {
-    const seconds = Math.ceil(Math.max(0, armed.countdown_s));
-    return { word: `ARMING ${seconds}`, tone: "armed", text: "The striker strikes after that. Step back." };
+    const seconds = Math.ceil(armed.countdown_s);
+    return { word: seconds > 0 ? `ARMING ${seconds}` : "ARMING", tone: "armed", text: "The striker strikes after that. Step back." };
   }
   return { word: "ARMED", tone: "armed", text: "The striker is about to strike. Keep clear." };
 }
@@ -80,11 +104,13 @@ export function signFor(snapshot, verdictIsNew) {
   if (session.state === "aborted") return { word: "ENDED", tone: "bad", text: session.text };
   const newest = newestStrike(snapshot);
   if (verdictIsNew && newest) {
-    if (isUseful(newest)) return { word: "GOOD", tone: "good", text: newest.edge };
+    if (newest.verdict === "good") return { word: "GOOD", tone: "good", text: newest.edge };
+    if (countsAllTheSame(newest, session)) return { word: "COUNTS", tone: "good", text: COUNTS_TEXT };
     return { word: "AGAIN", tone: "bad", text: newest.reason || verdictText(newest.verdict) };
   }
   if (prompt) return placeSign(prompt);
   const waits = {
+    idle: ["STARTING", "armed", "The arm moves to its start position. Keep clear."],
     placing: ["WAIT", "idle", "The next placement follows."],
     checking_pose: ["HANDS OFF", "wait", "Checking the placement."],
     arming: ["HANDS OFF", "wait", "The striker arms now."],
@@ -97,7 +123,7 @@ export function signFor(snapshot, verdictIsNew) {
 
 /** Reason why a session may not be started, or "" if it may. */
 export function startObstacle(snapshot) {
-  if (!snapshot.daemon?.running) return "Start the daemon first.";
+  if (!snapshot.daemon?.running) return "Start the rig first.";
   if (isRunning(snapshot.session)) return "A session is running.";
   if (snapshot.stop?.stopped) return "Home the striker first.";
   if (snapshot.check?.running) return "The check is running.";

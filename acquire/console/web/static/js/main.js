@@ -43,16 +43,24 @@ let session_id = null;
 let newest_key = null;
 let sign_word = "";
 let frame = 0;
+/** What an order that takes seconds does meanwhile; "" while there is none. */
+let doing = "";
 /** Trouble that the operator has read, as JSON; other trouble is shown again. */
 let dismissed = "";
 
 const mayOrder = () => link === "open" && snapshot?.role === "operator";
 const verdictIsNew = () => Date.now() < verdict_until_ms;
 
-/** Send an order and show its refusal; returns the answer, or null if it was refused. */
-async function order(path, content = {}, timeout_ms = undefined) {
+/**
+ * Send an order and show its refusal; returns the answer, or null if it was refused.
+ *
+ * `slow` is for orders that take seconds: `doing` is shown meanwhile, `timeout_ms` is the longest wait.
+ */
+async function order(path, content = {}, slow = {}) {
   try {
-    const answer = await post(path, content, timeout_ms);
+    doing = slow.doing ?? doing;
+    redraw();
+    const answer = await post(path, content, slow.timeout_ms);
     show(byId("refusal"), false);
     return answer ?? {};
   } catch (error) {
@@ -61,6 +69,9 @@ async function order(path, content = {}, timeout_ms = undefined) {
     setText(byId("refusal-text"), error.remedy);
     show(byId("refusal"), true);
     return null;
+  } finally {
+    if (slow.doing) doing = "";
+    redraw();
   }
 }
 
@@ -103,6 +114,12 @@ function follow() {
   redraw();
 }
 
+/** Offer a session in Ready that goes on with the one that has ended; `id` is its recording's. */
+function goOn(session, id) {
+  ready.offer(session, id);
+  pin("ready");
+}
+
 function applyFollow() {
   const wanted = snapshot && viewFor(snapshot, verdictIsNew());
   if (!pinned && wanted) setView(wanted);
@@ -112,7 +129,8 @@ function drawSign() {
   const sign = link === "open" ? signFor(snapshot, verdictIsNew()) : NO_LINK;
   const large = document.body.classList.contains("large");
   const stated = sign === NO_LINK || sign.word === "STOPPED" || !snapshot.session;
-  show(byId("sign"), large || (["place", "strike"].includes(view) && !stated));
+  const ended = view === "know" && !isRunning(snapshot?.session);
+  show(byId("sign"), large || ((["place", "strike"].includes(view) || ended) && !stated));
   byId("sign").dataset.tone = sign.tone;
   setText(byId("sign-word"), sign.word);
   setText(byId("sign-text"), sentence(sign.text));
@@ -129,6 +147,8 @@ function drawBanners() {
     setText(byId("link-title"), texts[0]);
     setText(byId("link-text"), texts[1]);
   }
+  show(byId("doing"), doing !== "");
+  setText(byId("doing-text"), doing);
   const trouble = snapshot?.trouble ?? [];
   show(byId("trouble"), trouble.length > 0 && JSON.stringify(trouble) !== dismissed);
   rebuild(byId("trouble-list"), trouble, () => trouble.map((text) => make("li", {}, text)));
@@ -145,6 +165,7 @@ function currentAction() {
   const watching = snapshot.role === "operator" ? "" : "You are watching.";
   const stopped = snapshot.stop?.stopped && view !== "know" ? "Home the striker first." : "";
   if (isDialogOpen()) return { ...wanted, problem: "Close the dialog first." };
+  if (doing) return { ...wanted, problem: doing };
   return {
     ...wanted,
     problem: watching || (link === "open" ? "" : "No connection.") || stopped || wanted.problem,
@@ -236,7 +257,7 @@ function toggleSound() {
 }
 
 function start() {
-  const context = { order, redraw, goTo: pin, follow, latest: () => snapshot };
+  const context = { order, redraw, goTo: pin, follow, goOn, latest: () => snapshot };
   for (const module of Object.values(VIEW_MODULES)) module.connect(context);
   connectDialogs(redraw);
   connectOperator(order);

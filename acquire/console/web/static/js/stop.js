@@ -8,6 +8,8 @@ import { postStop } from "./orders.js";
 const NOT_CONFIRMED = "STOP NOT CONFIRMED";
 const USE_SWITCH = "The console did not answer. Cut the striker's power at its switch or plug now.";
 
+const HOMING = { doing: "The arm moves to its start position. Keep clear.", timeout_ms: 40000 };
+
 let pending = 0;
 let failed = false;
 let redraw = () => {};
@@ -42,7 +44,7 @@ export function connectStop(changed, order) {
       "Home the striker again?",
       "The motor gets torque and the arm moves. Hands, cables and the object must be out of its way.",
       "Home the striker",
-      () => order("/api/stop/clear", { confirm: true }),
+      () => order("/api/stop/clear", { confirm: true }, HOMING),
     ),
   );
 }

@@ -51,6 +51,8 @@ class SampleConsole(http.server.ThreadingHTTPServer):
         self.silent = False
         """True if event streams are to end, and new ones to be refused"""
         self.stop_fails = False
+        self.slow_s = 0.0
+        """time that each order takes [s]"""
         self.changed = threading.Condition()
 
     def show(self, snapshot: snapshots.Snapshot) -> None:
@@ -108,6 +110,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
     def do_POST(self) -> None:
         content = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
         self.server.orders.append((self.path, content))
+        time.sleep(self.server.slow_s)
         if self.headers["X-Percuss"] != "1":
             self._json({"error": {"kind": "NoOrderHeader", "message": "no header", "remedy": ""}}, 403)
         elif self.path == "/api/stop" and self.server.stop_fails:

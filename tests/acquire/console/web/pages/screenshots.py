@@ -16,7 +16,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 from tests.acquire.console.web.pages.sample_console import SampleConsole, sample_console
 from tests.acquire.console.web.pages.snapshots import states
 
-SIZES = {390: 844, 820: 1180, 1440: 900}
+SIZES = {390: 844, 820: 1180, 1280: 800, 1440: 900}
 """height of the window for each width [px]"""
 SCHEMES = ("light", "dark")
 

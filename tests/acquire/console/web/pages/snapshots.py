@@ -78,7 +78,7 @@ def base() -> Snapshot:
                 {"id": "o3", "name": "spray bottle, half full", "file": "spray.toml"},
             ],
             "plans": [
-                {"id": "p1", "object_id": "o1", "name": "carton-9", "strikes": 9},
+                {"id": "p1", "object_id": "o1", "name": "plans/carton-9.json", "strikes": 9},
                 {"id": "p2", "object_id": "o1", "name": "carton-5-quick", "strikes": 5},
                 {"id": "p3", "object_id": "o2", "name": HOSTILE, "strikes": 1},
             ],
@@ -125,13 +125,14 @@ def session(state: str, text: str, done: int = 0, **more: Any) -> dict[str, Any]
     return {
         "id": "2026-11-29T14-05",
         "object": "carton",
-        "plan": "carton-9",
+        "plan": "carton-9.json",
         "state": state,
         "text": text,
         "strike_id": "s4",
         "attempt": 1,
         "done": done,
         "total": 9,
+        "earlier": 0,
         "max_strikes": 12,
         "until": "com=0.5mm",
         "paused": None,
@@ -153,6 +154,7 @@ def prompt(**more: Any) -> dict[str, Any]:
         "edge": "bottom edge, +x side",
         "card": "/api/card.png",
         "outline_px": [[52, 228], [258, 226], [258, 410], [236, 470], [52, 472]],
+        "axes_px": [[150, 360], [238, 382], [82, 388], [148, 258]],
         "offset_mm": [-3.4, 1.2],
         "angle_deg": 2.8,
         "in_place": False,
@@ -195,6 +197,31 @@ def states() -> dict[str, tuple[str, list[Snapshot]]]:
         "no-daemon": ("ready", [_with(**no_daemon)]),
         "no-camera": ("ready", [_with(**no_camera)]),
         "place": ("place", [_with(session=session("placing", "", 3), prompt=prompt(), **running)]),
+        "starting": ("place", [_with(session=session("idle", "", 0))]),
+        "checking": (
+            "place",
+            [
+                _with(session=session("placing", "", 3), prompt=prompt(), **running),
+                _with(session=session("checking_pose", "", 3), **running),
+            ],
+        ),
+        "place-far": (
+            "place",
+            [
+                _with(
+                    session=session("placing", "", 3, earlier=11),
+                    prompt=prompt(offset_mm=[-147.3, 288.1], angle_deg=-59.8),
+                    **running,
+                )
+            ],
+        ),
+        "counts": (
+            "strike",
+            [
+                _with(session=session("judging", "", 4, strikes=strikes(4)), **running),
+                _with(session=session("placing", "", 4, strikes=strikes(5)), prompt=prompt(), **running),
+            ],
+        ),
         "place-hands": (
             "place",
             [

@@ -30,6 +30,7 @@ def server() -> Iterator[SampleConsole]:
 def page(chromium: Browser, server: SampleConsole) -> Iterator[Page]:
     server.orders.clear()
     server.stop_fails = server.silent = False
+    server.slow_s = 0.0
     opened = chromium.new_page(viewport={"width": 1440, "height": 900})
     problems: list[str] = []
     opened.on("pageerror", lambda error: problems.append(str(error)))
@@ -156,6 +157,47 @@ def test_start_sends_target_and_number_of_strikes(page, server):
     assert order["until"] == "com=0.5mm,inertia=2%"
     assert order["max_strikes"] == 12
     assert "override" not in order
+
+
+def test_an_ended_session_is_offered_to_go_on_with(page, server):
+    server.show(base() | {"session": session("aborted", "stopped", 4)})
+    page.goto(server.url)
+    page.wait_for_selector("#view-know", state="visible")
+    assert page.inner_text("#sign-word") == "ENDED"
+    page.locator("#action-label", has_text="Go on with it").wait_for()
+    page.locator("#action:enabled").wait_for()
+    page.keyboard.press("Enter")
+    page.locator("#resume option[value=r0]").wait_for(state="attached")
+    page.wait_for_timeout(800)
+    assert page.input_value("#resume") == "r0"
+    page.keyboard.press("Enter")
+    page.wait_for_timeout(150)
+    [order] = _orders(server, "/api/session/start")
+    assert order == {
+        "object_id": "o1",
+        "plan_id": "p1",
+        "resume": ["r0"],
+        "until": "com=0.5mm",
+        "max_strikes": 12,
+        "countdown_s": 3,
+    }
+
+
+def test_orders_that_take_seconds_say_so(page, server):
+    show_state(page, server, "no-daemon")
+    server.slow_s = 0.6
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#doing", state="visible")
+    assert "camera and striker are opened" in page.inner_text("#doing")
+    assert page.locator("#action").is_disabled()
+    page.wait_for_selector("#doing", state="hidden")
+
+
+def test_the_next_placement_answers_harder(page, server):
+    show_state(page, server, "again")
+    faster = prompt(id=8, hint="The next strike is 15 % faster")
+    server.show(base() | {"session": session("placing", "", 2), "prompt": faster})
+    page.locator("#orders-note", has_text="15 % faster").wait_for()
 
 
 def test_pedal_answers_a_prompt_once_even_after_a_click_elsewhere(page, server):

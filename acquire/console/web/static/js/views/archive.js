@@ -42,7 +42,7 @@ async function estimate(id) {
   busy.add(id);
   forget(byId("archive-rows"));
   page.redraw();
-  await page.order(`/api/archive/${encodeURIComponent(id)}/estimate`, {}, ESTIMATE_MS);
+  await page.order(`/api/archive/${encodeURIComponent(id)}/estimate`, {}, { timeout_ms: ESTIMATE_MS });
   busy.delete(id);
   forget(byId("archive-rows"));
   await load();
@@ -88,7 +88,7 @@ function row(entry, mayOrder) {
   const again = make(
     "button",
     { type: "button", "data-key": `estimate-${entry.id}` },
-    busy.has(entry.id) ? "Estimating…" : "Re-estimate",
+    busy.has(entry.id) ? "Estimating…" : entry.com_mm ? "Re-estimate" : "Estimate",
   );
   setDisabled(again, !mayOrder || busy.has(entry.id));
   again.addEventListener("click", () => estimate(entry.id));
@@ -193,7 +193,7 @@ function drawComparison() {
     beyond.length === 0
       ? "The two agree within their 95 % intervals on every axis."
       : `They differ beyond the 95 % interval along ${beyond.join(", ")}.`;
-  setText(byId("compare-text"), known ? verdict : "One of the two is not estimated: press Re-estimate.");
+  setText(byId("compare-text"), known ? verdict : "One of the two is not estimated: press Estimate.");
 }
 
 const textOf = (entry) =>

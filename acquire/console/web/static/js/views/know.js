@@ -52,7 +52,15 @@ export function action(snapshot) {
       run: page.follow,
     };
   }
-  return { label: "Next session", problem: "", run: () => page.goTo("ready") };
+  const { session } = snapshot;
+  if (session?.state !== "aborted")
+    return { label: "Next session", problem: "", run: () => page.goTo("ready") };
+  const id = recordingId(session);
+  return {
+    label: "Go on with it",
+    problem: id === null ? "The recording is being finished." : "",
+    run: () => page.goOn(session, id),
+  };
 }
 
 function drawCom(estimate) {
@@ -224,9 +232,7 @@ function drawLinks(session) {
 }
 
 function lead(session, estimate) {
-  if (session?.state === "aborted") return `The session ended early: ${sentence(session.text)}`;
-  if (session?.state === "finished") return sentence(session.text) || "The session has finished.";
-  if (!estimate) return "";
+  if (!estimate || !isRunning(session)) return "";
   return `After ${counted(estimate.strikes, "good strike")}.`;
 }
 

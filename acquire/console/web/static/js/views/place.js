@@ -1,6 +1,7 @@
 /** View Place: placement card beside the live image with the wanted outline, and the measured offset. */
 
 import { byId, make, rebuild, setAttribute, setDisabled, setText, show, svg } from "../dom.js";
+import { AXIS_NAMES } from "../ellipse.js";
 import { isRunning } from "../follow.js";
 import { isNumber, sentence, signed } from "../format.js";
 import { Preview } from "../preview.js";
@@ -13,6 +14,8 @@ const CARD_RETRY_MS = 1500;
 
 let page;
 let preview;
+/** Newest prompt of the session: its card stays in sight until the strike. */
+let newest = null;
 
 /** Connect the view's controls. */
 export function connect(context) {
@@ -50,6 +53,20 @@ export function action(snapshot) {
   return { label, problem: prompt ? "" : "Nothing is to be placed now.", run: () => answer("placed") };
 }
 
+/** Axes x, y, z of the object where it stands, with their names beyond their ends. */
+function axisLines(axes_px) {
+  const [origin, ...ends] = axes_px;
+  return ends.flatMap((end, i) => {
+    const d = `M${origin.join(",")}L${end.join(",")}`;
+    const [u, v] = [0, 1].map((each) => end[each] + 0.14 * (end[each] - origin[each]));
+    return [
+      svg("path", { class: "halo", d }),
+      svg("path", { class: "axis", d }),
+      svg("text", { x: u, y: v, "text-anchor": "middle", dy: "0.35em" }, AXIS_NAMES[i]),
+    ];
+  });
+}
+
 function drawOutline(prompt, camera) {
   const plot = byId("outline");
   const known = Boolean(prompt?.outline_px && camera);
@@ -57,9 +74,13 @@ function drawOutline(prompt, camera) {
   if (!known) return;
   setAttribute(plot, "viewBox", `0 0 ${camera.width} ${camera.height}`);
   plot.setAttribute("class", prompt.in_place === true ? "in-place" : "");
-  rebuild(plot, [prompt.outline_px, camera.width], () => {
+  rebuild(plot, [prompt.outline_px, prompt.axes_px, camera.width], () => {
     const points = prompt.outline_px.map(([u, v]) => `${u},${v}`).join(" ");
-    return [svg("polygon", { class: "halo", points }), svg("polygon", { class: "line", points })];
+    return [
+      svg("polygon", { class: "halo", points }),
+      svg("polygon", { class: "line", points }),
+      ...(prompt.axes_px ? axisLines(prompt.axes_px) : []),
+    ];
   });
 }
 
@@ -80,6 +101,16 @@ function drawOffsets(prompt) {
   ]);
 }
 
+/** Prompt to show: the open one, or while the placement is checked the last one without its values. */
+function shownPrompt(snapshot) {
+  const { prompt, session } = snapshot;
+  if (prompt) newest = { ...prompt, session_id: session?.id };
+  if (prompt) return prompt;
+  if (!isRunning(session) || newest?.session_id !== session.id) return null;
+  const unknown = { offset_mm: null, angle_deg: null, in_place: null, hands_off: false, axes_px: null };
+  return { ...newest, ...unknown, hint: "", text: "" };
+}
+
 const STATES = [
   [(prompt) => prompt.in_place === true && prompt.hands_off, "in place, hands off"],
   [(prompt) => prompt.in_place === true, "in place, hands still in view"],
@@ -89,12 +120,15 @@ const STATES = [
 
 /** Draw the view. */
 export function draw(snapshot, mayOrder) {
-  const { prompt, session, camera } = snapshot;
-  show(byId("place-grid"), Boolean(prompt));
-  show(byId("place-none"), !prompt);
-  setText(byId("place-none"), isRunning(session) ? session.text : "No session asks for a placement.");
+  const { session, camera } = snapshot;
+  const asked = Boolean(snapshot.prompt);
+  const prompt = shownPrompt(snapshot);
+  const running = isRunning(session);
+  show(byId("place-grid"), Boolean(prompt) || running);
+  show(byId("place-none"), !prompt && !running);
+  setText(byId("place-none"), "No session asks for a placement.");
   setText(byId("place-text"), sentence(prompt?.hint || prompt?.text));
-  setDisabled(byId("place-skip"), !mayOrder || !prompt);
+  setDisabled(byId("place-skip"), !mayOrder || !asked);
   setDisabled(byId("place-pause"), !mayOrder || !isRunning(session));
   setText(byId("place-pause"), session?.paused ? "Resume" : "Pause the session");
   setText(
@@ -102,9 +136,11 @@ export function draw(snapshot, mayOrder) {
     camera ? "The live image does not arrive." : "No camera: place the object by the card.",
   );
   drawOutline(prompt, camera);
+  setText(byId("place-state"), asked ? STATES.find(([holds]) => holds(prompt))[1] : "");
+  show(byId("offsets"), Boolean(prompt));
+  show(byId("card-panel"), Boolean(prompt));
   if (!prompt) return;
   drawOffsets(prompt);
-  setText(byId("place-state"), STATES.find(([holds]) => holds(prompt))[1]);
   setText(byId("card-strike"), [prompt.strike_id, prompt.edge].filter(Boolean).join(" · "));
   const card = prompt.card.startsWith("/api/") ? prompt.card : null;
   if (byId("card").getAttribute("src") !== card) setAttribute(byId("card"), "src", card);
@@ -114,4 +150,4 @@ export function draw(snapshot, mayOrder) {
 
 /** Load the live image while the view is shown. */
 export const setVisible = (visible, snapshot) =>
-  preview.set(visible && Boolean(snapshot.prompt), snapshot.camera);
+  preview.set(visible && isRunning(snapshot.session), snapshot.camera);

@@ -1,7 +1,7 @@
 /** View Ready: check, session form, camera with its aids, state of the rig. */
 
 import { byId, make, rebuild, setDisabled, setText, show } from "../dom.js";
-import { isChecked, isRunning, startObstacle } from "../follow.js";
+import { isChecked, isRunning, startObstacle, strikerText } from "../follow.js";
 import { bytes, counted, dateTime, fixed, minutes, sentence } from "../format.js";
 import { get } from "../orders.js";
 import { Preview } from "../preview.js";
@@ -9,6 +9,11 @@ import { connectHistogram, drawAids } from "./aids.js";
 import { checkItems, quiet, summary, urgent } from "./checks.js";
 
 const LEAST_REASON = 3;
+const RIG_STARTS = { doing: "The rig starts: camera and striker are opened.", timeout_ms: 60000 };
+const SESSION_STARTS = {
+  doing: "The session starts. Then the arm moves to its start position: keep clear.",
+  timeout_ms: 90000,
+};
 /** Width of the window [px] from which the checks that passed are unfolded at first. */
 const WIDE_PX = 700;
 
@@ -23,6 +28,8 @@ let preview;
 let earlier = [];
 let earlierFor = null;
 let earlier_ms = 0;
+/** Ended session that the form is to go on with, and the id of its recording; null if there is none. */
+let offered = null;
 
 /** Connect the view's controls; `context` has `order(path, content)`, `latest()` and `redraw()`. */
 export function connect(context) {
@@ -36,6 +43,36 @@ export function connect(context) {
   const form = byId("start-form");
   form.addEventListener("submit", (event) => event.preventDefault());
   form.addEventListener("input", page.redraw);
+}
+
+/** Fill in the form for a session that goes on with an ended one; `id` is its recording's. */
+export function offer(session, id) {
+  offered = { session, id };
+  earlierFor = null;
+  const form = byId("start-form").elements;
+  form.end.value = session.until ? "until" : "plan";
+  for (const name of ["com", "inertia"]) {
+    const given = new RegExp(`${name}=([0-9.]+)`).exec(session.until);
+    if (session.until) byId(`until-${name}`).value = given ? given[1] : "";
+  }
+  byId("name").value = "";
+  page.redraw();
+}
+
+/** Choose the offered session's object, plan and recording, as soon as the lists hold them. */
+function chooseOffered(choices) {
+  if (!offered) return;
+  const { session, id } = offered;
+  const plan = choices.plans.find((each) => each.name.split("/").at(-1) === session.plan);
+  if (plan) {
+    byId("object").value = plan.object_id;
+    options(byId("plan"), [[plan.id, ""]], "");
+    byId("plan").value = plan.id;
+  }
+  if (!earlier.some((each) => each.id === id && each.complete)) return;
+  options(byId("resume"), [["", ""], [id, ""]], "");
+  byId("resume").value = id;
+  offered = null;
 }
 
 const untilChosen = () => byId("start-form").elements.end.value === "until";
@@ -70,7 +107,7 @@ async function start(snapshot) {
     if (byId("max-strikes").value) content.max_strikes = Number(byId("max-strikes").value);
   }
   if (!isChecked(snapshot)) content.override = reason();
-  if (!(await page.order("/api/session/start", content))) return;
+  if (!(await page.order("/api/session/start", content, SESSION_STARTS))) return;
   byId("override").value = "";
   byId("resume").value = "";
   page.follow();
@@ -88,7 +125,11 @@ async function invite() {
 /** Main action of the view: start the daemon, check, or start a session. */
 export function action(snapshot) {
   if (!snapshot.daemon.running)
-    return { label: "Start the daemon", problem: "", run: () => page.order("/api/daemon/start") };
+    return {
+      label: "Start the rig",
+      problem: "",
+      run: () => page.order("/api/daemon/start", {}, RIG_STARTS),
+    };
   if (snapshot.check.passed === null && !reason())
     return {
       label: "Check",
@@ -136,6 +177,7 @@ function drawForm(snapshot, mayOrder) {
     objects.map((each) => [each.id, each.name]),
     "no object file in the folder",
   );
+  chooseOffered(snapshot.choices);
   const fitting = plans.filter((plan) => plan.object_id === byId("object").value);
   options(
     byId("plan"),
@@ -174,14 +216,19 @@ function drawFacts(snapshot) {
   const { camera, striker, disk } = snapshot;
   const torque = striker?.torque === null || !striker ? "unknown" : striker.torque ? "on" : "off";
   const facts = [
-    ["Striker", striker ? `${striker.state}${striker.text ? `: ${striker.text}` : ""}` : "not reported"],
+    ["Striker", striker ? `${strikerText(striker.state)}${striker.text ? `: ${striker.text}` : ""}` : "not reported"],
     ["Torque", torque],
     ["Frame rate", camera ? `${fixed(camera.fps, 1)} /s` : "no camera"],
     ["Exposure", camera ? `${fixed(camera.exposure_us, 0)} µs` : "–"],
     ["Image", camera ? `${camera.width} × ${camera.height} px` : "–"],
-    ["Frames lost", camera ? `${camera.lost} of ${camera.frames}` : "–"],
+    [
+      "Frames lost",
+      camera
+        ? `${camera.lost} of ${camera.frames} since the rig started; a strike that lacks images says so`
+        : "–",
+    ],
     ["Disk", disk ? `${bytes(disk.free_bytes)} free, ${minutes(disk.minutes_left)}` : "–"],
-    ["Daemon", snapshot.daemon.text],
+    ["Program", snapshot.daemon.text],
   ];
   rebuild(byId("rig-facts"), facts, () =>
     facts.map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))),
@@ -191,7 +238,9 @@ function drawFacts(snapshot) {
 /** Draw the view. */
 export function draw(snapshot, mayOrder) {
   show(byId("no-daemon"), !snapshot.daemon.running);
-  setText(byId("no-daemon-text"), sentence(snapshot.daemon.text));
+  const ended = snapshot.daemon.text.includes("ended") ? snapshot.daemon.text : "";
+  setText(byId("no-daemon-text"), sentence(ended));
+  show(byId("no-daemon-text"), ended !== "");
   drawCheck(snapshot, mayOrder);
   drawForm(snapshot, mayOrder);
   const { camera } = snapshot;
@@ -202,7 +251,7 @@ export function draw(snapshot, mayOrder) {
       ? "The live image does not arrive."
       : snapshot.daemon.running
         ? "No camera. Check its cable and power, then press Check again."
-        : "The live image follows when the daemon runs.",
+        : "The live image follows when the rig runs.",
   );
   setDisabled(byId("invite"), !mayOrder, "Only the operator may let another browser in.");
   drawAids(camera);

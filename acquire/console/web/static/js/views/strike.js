@@ -3,7 +3,14 @@
 import { drawCurve } from "../curve.js";
 import { confirm } from "../dialogs.js";
 import { byId, make, rebuild, setDisabled, setText, show } from "../dom.js";
-import { isRunning, isUseful, newestStrike, verdictText } from "../follow.js";
+import {
+  COUNTS_TEXT,
+  countsAllTheSame,
+  isRunning,
+  isUseful,
+  newestStrike,
+  verdictText,
+} from "../follow.js";
 import { fixed, isNumber, sentence } from "../format.js";
 import { get } from "../orders.js";
 import { answer, pauseOrResume } from "./place.js";
@@ -55,7 +62,7 @@ function drawVerdict(strike, session) {
   setText(byId("verdict-title"), `${strike.id}: ${strike.edge}`);
   setText(byId("verdict-tag"), verdictText(strike.verdict));
   byId("verdict-tag").className = `tag ${good ? "pass" : "fail"}`;
-  setText(byId("verdict-reason"), sentence(strike.reason));
+  setText(byId("verdict-reason"), sentence(countsAllTheSame(strike, session) ? COUNTS_TEXT : strike.reason));
   const curve = curveOf(strike, session);
   const text = curve
     ? "Dots: measured angle. Line: fit. Shaded: window of the fit. Dashed: balance angle φ."
@@ -115,8 +122,9 @@ function drawOrders(snapshot, mayOrder) {
   setText(byId("order-pause"), session.paused && running ? "Resume" : "Pause after this strike");
   setDisabled(byId("order-abort"), !mayOrder || !running);
   const pausing = running && session.paused !== null && session.state !== "paused";
+  const asks = prompt ? sentence(`Next: ${prompt.hint || prompt.text}`) : "";
   const waits =
-    running && !prompt ? "Again, Harder and Skip are possible when the session asks for a placement." : "";
+    running && !prompt ? "Again, Harder and Skip are possible when the session asks for a placement." : asks;
   setText(byId("orders-note"), pausing ? "The session pauses before the next strike." : waits);
 }
 
@@ -128,7 +136,8 @@ export function draw(snapshot, mayOrder) {
   show(byId("strike-grid"), Boolean(session));
   if (!session) return;
   drawOrders(snapshot, mayOrder);
-  setText(byId("strikes-progress"), `${session.done} of ${session.total}`);
+  const before = session.earlier > 0 ? `, after ${session.earlier} in earlier recordings` : "";
+  setText(byId("strikes-progress"), `${session.done} of ${session.total}${before}`);
   const newest = strikes.at(-1);
   const shown = strikes.find((strike) => strike.id === chosen) ?? newest;
   rebuild(byId("strike-rows"), [strikes, shown?.id], () =>
