@@ -81,7 +81,7 @@ def test_the_axes_are_drawn_where_the_object_stands() -> None:
     R_camera, p_camera = world_to_camera(camera())
     for x in (0.0, 0.05):
         axes = place().compare([scene(x)])["axes_px"]
-        seen = project(camera(), (origin + [x, 0.0, 0.0])[None] @ R_camera.T + p_camera)[0]
+        seen = project(camera(), (origin + np.array([x, 0.0, 0.0]))[None] @ R_camera.T + p_camera)[0]
         assert axes[0] == pytest.approx(seen, abs=0.5)
         assert len(axes) == 4
 
