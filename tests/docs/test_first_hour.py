@@ -43,6 +43,7 @@ HOW_TO = sorted(
 )
 NOT_RUN = {
     ("docs/how-to/cluster.md", ".*"): "needs other computers",
+    ("docs/how-to/console.md", "ssh .*"): "needs another computer",
     ("docs/how-to/hardware.md", "PERCUSS_RIG=.*"): "needs a real camera and servo: the tests of both",
     ("docs/how-to/hardware.md", "sudo .*"): "changes the system: tests/docs/test_service_files.py",
     ("docs/how-to/hardware.md", "(acquire (run|session)|analyze estimate) .*"): "needs a rig, and the block",
@@ -102,11 +103,14 @@ in_a_terminal() {{  # the question before videos are imported is for a person al
 }}
 acquire() {{
   local code=0
-  case "${{1-}}" in virtual | demo) set -- "$@" --address {loopback(141)} ;; esac
   case "${{1-}}" in
-    virtual | run)
+    virtual | demo) set -- "$@" --address {loopback(141)} ;;
+    console) set -- "$@" --no-browser --port 0 ;;
+  esac
+  case "${{1-}}" in
+    virtual | run | console)
       command acquire "$@" > "$1.log" 2>&1 &
-      until grep -Eq '^(ready: |  analyze report )' "$1.log"; do
+      until grep -Eq '^(ready: |  analyze report |console, for one browser)' "$1.log"; do
         kill -0 $! || {{ cat "$1.log" >&2; exit 1; }}
         sleep 0.2
       done ;;
