@@ -42,7 +42,8 @@ LOCKED: Final = frozenset({WIDTH, HEIGHT, EXPOSURE_US, GAIN, PERIOD_US, *DEFAULT
 PAYLOAD: Final = frozenset(
     {WIDTH, HEIGHT, PIXEL_FORMAT, BINNING_X, BINNING_Y, CHUNKS, PACKET_SIZE, USER_SET, USER_SET_LOAD}
 )
-"""registers that decide the size of images and packets, which TLParamsLocked locks (SFNC, Transport Layer Control)"""
+"""registers that decide the size of images and packets, which TLParamsLocked locks (SFNC, Transport Layer
+Control)"""
 
 
 @dataclass(frozen=True)

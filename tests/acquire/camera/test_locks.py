@@ -1,11 +1,10 @@
 """Features that a camera denies while it streams, while it is locked, or while a trigger is on.
 
-Each refusal is shown to a program that does not keep the client's order, then the client sets the same camera.
+A program that does not keep the client's order is denied them, then the client sets the same camera.
 """
 
 from __future__ import annotations
 
-import contextlib
 import socket
 import struct
 import time
@@ -32,7 +31,7 @@ from schemas.rig import CameraConfig
 from tests.acquire.camera.test_makes import connected, periods_ns, register
 from tests.loopback import loopback
 
-ADDRESS = loopback(53)
+ADDRESS = loopback(54)
 PRIVILEGE, HEARTBEAT_MS = 0xA00, 0x938
 CONTROL = 2
 MakeConfig = Callable[..., CameraConfig]
@@ -61,25 +60,28 @@ class OtherProgram:
         self._socket.close()
 
 
-@contextlib.contextmanager
-def raw_camera() -> Any:
-    """The camera by Aravis alone, without the client's order."""
+def all_denied(*attempts: Callable[[Any], object]) -> bool:
+    """True if the camera denies each attempt by Aravis alone, without the client's order."""
     Aravis, _ = aravis_and_glib()
-    camera = Aravis.Camera.new(ADDRESS)
-    try:
-        yield camera
-    finally:
-        del camera
+    raw = Aravis.Camera.new(ADDRESS)
+    return all(_is_denied(attempt, raw) for attempt in attempts)
 
 
-def refused(call: Callable[[], object]) -> bool:
+def _is_denied(attempt: Callable[[Any], object], raw: Any) -> bool:
     Aravis, GLib = aravis_and_glib()
     try:
-        call()
+        attempt(raw)
     except GLib.Error as error:
-        assert error.matches(Aravis.device_error_quark(), Aravis.DeviceError.PROTOCOL_ERROR_ACCESS_DENIED)
-        return True
+        return error.matches(Aravis.device_error_quark(), Aravis.DeviceError.PROTOCOL_ERROR_ACCESS_DENIED)
     return False
+
+
+def stop_and(attempt: Callable[[Any], object]) -> Callable[[Any], object]:
+    def stopped(raw: Any) -> object:
+        raw.stop_acquisition()
+        return attempt(raw)
+
+    return stopped
 
 
 def await_control(server: VirtualGigeCamera) -> None:
@@ -95,7 +97,7 @@ def await_control(server: VirtualGigeCamera) -> None:
 def test_a_crashed_program_leaves_a_camera_that_streams_and_is_locked(
     camera_config: MakeConfig, name: str
 ) -> None:
-    """What it left outlasts its control: only a stop, and then the release of the lock, opens the settings."""
+    """What it left outlasts its control: only a stop, then the release of the lock, opens the settings."""
     with connected(camera_config(ADDRESS), CameraHabits(make=MAKES[name])) as (camera, server):
         other = OtherProgram()
         for address, value in ((PRIVILEGE, CONTROL), (HEARTBEAT_MS, 300), (TL_LOCK, 1), (ACQUISITION, 1)):
@@ -114,12 +116,11 @@ def test_stop_alone_does_not_release_the_lock_and_the_client_releases_it(
 ) -> None:
     habits = CameraHabits(make=MAKES[name], faults=GigeFaults(left_locked=True))
     with connected(camera_config(ADDRESS), habits) as (camera, server):
-        with raw_camera() as raw:
-            raw.stop_acquisition()
-            assert refused(lambda: raw.set_integer("Width", 320))
-            assert refused(lambda: raw.gv_set_packet_size(1500))
-            assert refused(lambda: raw.execute_command("UserSetLoad"))
-            del raw
+        assert all_denied(
+            stop_and(lambda raw: raw.set_integer("Width", 320)),
+            lambda raw: raw.gv_set_packet_size(1500),
+            lambda raw: raw.execute_command("UserSetLoad"),
+        )
         assert register(server, WIDTH) == 656
         assert periods_ns(camera) == {8_333_000}
 
@@ -142,10 +143,10 @@ def test_an_alvium_denies_its_frame_rate_while_a_trigger_is_on(camera_config: Ma
     faults = GigeFaults(locked=frozenset({USER_SET_LOAD}))
     habits = CameraHabits(make=MAKES["alvium-g1"], faults=faults)
     with connected(camera_config(ADDRESS), habits) as (camera, server):
-        with raw_camera() as raw:
-            assert refused(lambda: raw.set_boolean("AcquisitionFrameRateEnable", False))
-            assert refused(lambda: raw.set_float("AcquisitionFrameRate", 50.0))
-            del raw
+        assert all_denied(
+            lambda raw: raw.set_boolean("AcquisitionFrameRateEnable", False),
+            lambda raw: raw.set_float("AcquisitionFrameRate", 50.0),
+        )
         assert periods_ns(camera) == {8_333_000}
         assert (register(server, TRIGGER_MODE), register(server, RATE_ENABLE)) == (0, 1)
 
