@@ -42,8 +42,8 @@ def run(command: str, text: str | None = None) -> None:
     subprocess.run(shlex.split(command), input=text, text=True, check=True, capture_output=True)
 
 
-def checks() -> dict[str, Check]:
-    return {check.name: check for check in check_network(Network(), read_firewall, CONFIG)}
+def checks(config: CameraConfig = CONFIG) -> dict[str, Check]:
+    return {check.name: check for check in check_network(Network(), read_firewall, config)}
 
 
 def arrives(camera: subprocess.Popen[str], receiver: socket.socket) -> bool:
@@ -95,6 +95,10 @@ class Trial:
         self.found["no route"] = checks()["route"].outcome.value
         run(f"ip address add {OWN}/24 dev near")
         self.found["link"] = checks()["link speed"].found
+        large = CONFIG.model_copy(update={"packet_size": 8192})
+        cut = checks(large)["packet size"]
+        run(cut.remedy.partition(",")[0].removeprefix("sudo "))
+        self.found["packet size"] = [each.outcome.value for each in (cut, checks(large)["packet size"])]
         run(f"ip address add {FAR}/24 dev far")
 
     def mend_paths(self) -> None:
