@@ -85,12 +85,11 @@ def stop_and(attempt: Callable[[Any], object]) -> Callable[[Any], object]:
 
 
 def await_control(server: VirtualGigeCamera) -> None:
-    """Wait until the camera notices that its program has ended, and give it the usual time-out again."""
+    """Wait until the camera notices that its program has ended."""
     end = time.monotonic() + 5.0
     while register(server, PRIVILEGE) and time.monotonic() < end:
         time.sleep(0.02)
     assert register(server, PRIVILEGE) == 0
-    server._library.write_register(server._fake, HEARTBEAT_MS, 3000)
 
 
 @pytest.mark.parametrize("name", LOCKING)
@@ -108,6 +107,17 @@ def test_a_crashed_program_leaves_a_camera_that_streams_and_is_locked(
         assert periods_ns(camera) == {8_333_000}
         assert register(server, TL_LOCK) == 0
         assert register(server, BINNING_X) == 1
+        assert register(server, HEARTBEAT_MS) == 3000
+
+
+@pytest.mark.parametrize("left_ms", [300, 300_000])
+def test_a_time_out_that_another_program_left_is_the_default_again(
+    camera_config: MakeConfig, left_ms: int
+) -> None:
+    with connected(camera_config(ADDRESS), CameraHabits(make=MAKES["mako"])) as (camera, server):
+        server._library.write_register(server._fake, HEARTBEAT_MS, left_ms)
+        camera.open()
+        assert register(server, HEARTBEAT_MS) == 3000
 
 
 @pytest.mark.parametrize("name", LOCKING)

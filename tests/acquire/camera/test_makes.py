@@ -135,6 +135,7 @@ def test_a_clock_without_its_frequency_is_told_and_frames_have_arrival_times(
     habits = CameraHabits(make=MAKES["mako"], faults=GigeFaults(hides_ticks=True))
     with connected(camera_config(ADDRESS), habits) as (camera, _):
         camera.open()
+        assert camera._link.stamps_arrival
         assert camera.latch_clock() is None
         assert (
             "does not report its clock's frequency: frame times come from their arrival" in camera.warnings[0]
