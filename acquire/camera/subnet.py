@@ -38,7 +38,8 @@ def address_command(address: str) -> str:
     """Command that gives this computer an address in the subnet of a camera at an IPv4 address."""
     wanted = ipaddress.IPv4Address(address)
     prefix = 16 if wanted in LINK_LOCAL else 24
-    mine = ipaddress.IPv4Address(int(wanted) ^ 1)
+    # A neighbour of the camera, but neither the network's own address nor that of its broadcasts.
+    mine = ipaddress.IPv4Address(int(wanted) ^ (3 if wanted.packed[-1] in (1, 254) else 1))
     cards = sorted({name for name, _ in own_addresses()}) or ["IFACE"]
     return (
         f"`sudo ip address add {mine}/{prefix} dev {' or '.join(cards)}`, for the interface that the camera "

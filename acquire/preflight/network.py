@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from acquire.camera.discovery import GVCP_PORT
 from acquire.camera.subnet import address_command, own_addresses
-from acquire.preflight.check import Check, Measured, failed_check, passed_check, skipped_check
+from acquire.preflight.check import Check, Measured, Outcome, failed_check, passed_check, skipped_check
 from acquire.preflight.firewall import FIREWALL_LINE, ReadFirewall, check_firewall
 from schemas.camera_kind import BYTES_PER_PIXEL
 
@@ -137,7 +137,7 @@ def _mtu(probe: socket.socket, interface: str) -> int:
 def check_network(network: Network, firewall: ReadFirewall, camera: CameraConfig) -> Iterator[Check]:
     """Yield the checks of the way to a camera, in the order of NETWORK_LINES.
 
-    Without an IP address, a route or a known interface, what follows is yielded as not checked.
+    Without an IP address, or a route by an interface in the camera's subnet, what follows is not checked.
 
     Args:
         network: network of this computer.
@@ -149,22 +149,26 @@ def check_network(network: Network, firewall: ReadFirewall, camera: CameraConfig
         ipaddress.IPv4Address(address)
     except ValueError:
         remedy = "write the IP address that `acquire discover` prints"
-        for name in NETWORK_LINES:
-            yield skipped_check(name, f"{address} is a device id, not an IP address", remedy)
+        yield skipped_check("route", f"{address} is a device id, not an IP address", remedy)
+        yield from _after_route("an IP address is needed")
         return
     try:
         route = network.route(address)
     except OSError as error:
         yield failed_check("route", f"no route to {address}: {error.strerror}", address_command(address))
-        yield from (skipped_check(name, "there must be a route first") for name in NETWORK_LINES[1:])
+        yield from _after_route("there must be a route first")
         return
     if route is None:
         remedy = f"compare by hand: `ip route get {address}`, `ip link`"
-        for name in NETWORK_LINES:
-            yield skipped_check(name, f"the interface to {address} is unknown", remedy)
+        yield skipped_check("route", f"the interface to {address} is unknown", remedy)
+        yield from _after_route("the interface must be known first")
         return
-    subnets = [] if route.loopback else network.subnets(address)
-    yield check_route(route, subnets, address)
+    subnets = None if route.loopback else network.subnets(address)
+    checked = check_route(route, subnets, address)
+    yield checked
+    if checked.outcome is Outcome.FAIL and len(subnets or ()) < 2:
+        yield from _after_route("an interface must be in the camera's subnet first")
+        return
     yield check_packet_size(route, camera.packet_size)
     if route.loopback:
         yield from (passed_check(name, "packets stay on this computer") for name in NETWORK_LINES[2:])
@@ -172,6 +176,10 @@ def check_network(network: Network, firewall: ReadFirewall, camera: CameraConfig
     yield check_link_speed(route, network.link_mbit(route.interface), camera)
     yield _check_reverse_paths(network, route, subnets)
     yield check_firewall(firewall, route.interface, address)
+
+
+def _after_route(reason: str) -> Iterator[Check]:
+    return (skipped_check(name, reason) for name in NETWORK_LINES[1:])
 
 
 def check_route(route: Route, subnets: list[tuple[str, ipaddress.IPv4Network]] | None, address: str) -> Check:

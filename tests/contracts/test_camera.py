@@ -148,6 +148,7 @@ def test_frames_are_numbered_and_their_clocks_run_forward(
 
 @one_of_each_kind
 def test_a_held_frame_is_not_overwritten(camera: Camera) -> None:
+    """One camera of each kind: the buffers are the client's, and no make enters into them."""
     camera.open()
     camera.start()
     held = next_frame(camera)
@@ -160,6 +161,7 @@ def test_a_held_frame_is_not_overwritten(camera: Camera) -> None:
 
 @one_of_each_kind
 def test_frames_that_are_never_released_are_not_overwritten(camera: Camera) -> None:
+    """One camera of each kind: the buffers are the client's, and no make enters into them."""
     camera.open()
     camera.start()
     held = [next_frame(camera) for _ in range(BUFFERS)]
@@ -171,6 +173,7 @@ def test_frames_that_are_never_released_are_not_overwritten(camera: Camera) -> N
 
 @one_of_each_kind
 def test_borrowed_frames_take_nothing_from_reception(camera: Camera) -> None:
+    """One camera of each kind: the buffers are the client's, and no make enters into them."""
     camera.open()
     camera.start()
     assert camera.borrowable_frames == BORROWABLE
@@ -205,6 +208,7 @@ def test_borrowed_frames_take_nothing_from_reception(camera: Camera) -> None:
 
 @one_of_each_kind
 def test_a_borrowed_frame_outlives_its_camera(camera: Camera) -> None:
+    """One camera of each kind: the buffers are the client's, and no make enters into them."""
     camera.open()
     camera.start()
     frame = next_frame(camera)

@@ -136,7 +136,13 @@ def test_what_the_kernel_hides_is_not_checked_and_fails_nothing(bench: Bench, tm
         assert lines[name].outcome is Outcome.NOT_CHECKED
     bench.network = FakeNetwork(way=None)
     assert bench.failures() == set()
-    assert "ip route get" in bench.lines()["packet size"].remedy
+    assert "ip route get" in bench.lines()["route"].remedy
+
+
+def test_an_interface_outside_the_subnet_is_not_judged_further(bench: Bench) -> None:
+    bench.network = FakeNetwork(way=route_by(mtu_bytes=1500), near=[], speed=100)
+    assert bench.failures() == {"route"}
+    assert bench.lines()["packet size"].outcome is Outcome.NOT_CHECKED
 
 
 def test_the_kernels_routes_and_filters_are_read(tmp_path: Path) -> None:
