@@ -183,7 +183,7 @@ class AravisCamera(Camera):
         # The last frame of the previous run may still arrive; it was exposed before now.
         reading = self.latch_clock()
         self._exposed_after_ns = -1 if reading is None else reading.device_time_ns
-        self._loss = FrameLoss(self._frame_rate_hz)
+        self._loss = FrameLoss(self._frame_rate_hz, stamps_arrival=self._link.stamps_arrival)
         self._sequence = self.incomplete_frames = 0
         try:
             connection.camera.start_acquisition()

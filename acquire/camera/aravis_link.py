@@ -5,6 +5,7 @@ Each class makes only the calls that its kind of device has; those of the other 
 
 from __future__ import annotations
 
+import contextlib
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,8 @@ _LATCH, _LATCH_HIGH, _LATCH_LOW, _TICKS_HIGH, _TICKS_LOW = 0x944, 0x948, 0x94C, 
 """bootstrap registers of GigE Vision: timestamp control, latched value, tick frequency"""
 _SOURCE_PORT = 0xD1C
 """bootstrap register: UDP port from which images are sent; 0 where it is not supported"""
+_HEARTBEAT_MS, _USUAL_HEARTBEAT_MS = 0x938, 3000
+"""bootstrap register: time after which a silent program loses control, and its default (GigE Vision 2.0)"""
 _LATCH_NOW = 2
 _ARAVIS_RETENTION_US, _LONGEST_RETENTION_US = 100_000, 1_000_000
 
@@ -44,6 +47,8 @@ class AravisLink(ABC):
         """effective size of the stream's socket buffer; 0 before the stream is made, and without a socket"""
         self.can_latch = False
         """True if the camera's clock can be read, as far as is known"""
+        self.stamps_arrival = False
+        """True if Aravis stamps frames by this computer's clock as they arrive, for want of the camera's"""
 
     @abstractmethod
     def wait_for_control(self) -> None:
@@ -150,6 +155,9 @@ class GigeLink(AravisLink):
     def require_control(self, camera: Any) -> None:
         """Refuse a camera that is none of GigE Vision, or of which another program took control.
 
+        The time after which control is lost is set to its default: a debugger leaves minutes, for which a
+        killed program would hold the camera; less than Aravis's second between signs of life loses it.
+
         Raises:
             CameraError: it is on USB, or another program controls it.
         """
@@ -163,6 +171,10 @@ class GigeLink(AravisLink):
                 f"camera {self._config.address} refused control: another program took control first; "
                 "close that program, then try again"
             )
+        device, (_, GLib) = camera.get_device(), aravis_and_glib()
+        with contextlib.suppress(GLib.Error):  # what does not answer here is noticed at the next setting
+            if device.read_register(_HEARTBEAT_MS) != _USUAL_HEARTBEAT_MS:
+                device.write_register(_HEARTBEAT_MS, _USUAL_HEARTBEAT_MS)
 
     def prepare_clock(self, camera: Any) -> None:
         """Read the frequency of the camera's clock; add a warning if the camera does not report it.
@@ -181,6 +193,7 @@ class GigeLink(AravisLink):
                 raise
             self._ticks_hz = 0  # not every camera has these registers (Aravis #153)
         self.can_latch = self._ticks_hz > 0
+        self.stamps_arrival = not self.can_latch
         if not self.can_latch:
             self.warnings.append(
                 f"camera {self._config.address} does not report its clock's frequency: "

@@ -15,10 +15,12 @@ class FrameLoss:
 
     Args:
         frame_rate_hz: frame rate of the camera.
+        stamps_arrival: True if the times are those of arrival: then ids alone are counted, as a frame that a
+            busy computer received late is none after a loss.
     """
 
-    def __init__(self, frame_rate_hz: float) -> None:
-        self._period_ns = 1e9 / frame_rate_hz
+    def __init__(self, frame_rate_hz: float, *, stamps_arrival: bool = False) -> None:
+        self._period_ns, self._stamps_arrival = 1e9 / frame_rate_hz, stamps_arrival
         self._last: tuple[int, int] | None = None
 
     def before(self, frame_id: int, device_time_ns: int) -> int:
@@ -41,4 +43,5 @@ class FrameLoss:
             by_id %= _WRAP
         by_time = round((device_time_ns - last_time_ns) / self._period_ns) - 1
         # A repeated id is a camera without ids: 65534 frames were not lost in one period.
-        return max(0, by_time if by_id > max(2 * by_time, 0) + 1000 else by_id, by_time)
+        has_ids = by_id <= max(2 * by_time, 0) + 1000
+        return max(0, by_id if has_ids else 0, 0 if self._stamps_arrival else by_time)

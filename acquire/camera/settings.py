@@ -70,9 +70,9 @@ Baslers also the third)"""
 def write_settings(camera: Any, config: CameraConfig) -> None:
     """Write every setting of the rig file to a camera, read it back and compare.
 
-    A stream that another program left is stopped, the maker's settings are loaded, and what a camera may keep
-    from another program is set: binning, mirroring, gamma, chunks, triggers, automatic exposure and gain.
-    Range checks are switched on.
+    A stream that another program left is stopped, its lock of size and packets released, the maker's settings
+    are loaded, and what a camera may keep from another program is set: binning, mirroring, gamma, chunks,
+    triggers, automatic exposure and gain. Range checks are switched on.
 
     Args:
         camera: the opened Aravis camera.
@@ -85,6 +85,9 @@ def write_settings(camera: Any, config: CameraConfig) -> None:
     """
     Aravis, GLib = aravis_and_glib()
     _try(camera.stop_acquisition)  # a camera refuses its settings while it streams
+    # A program that ended in a stream leaves its lock (SFNC), and Aravis does not write this feature.
+    if camera.is_feature_available("TLParamsLocked"):
+        _try(lambda: camera.set_integer("TLParamsLocked", 0))
     _load_makers_settings(camera)
     # Off by default, and then Width = 5000 is accepted (Aravis #562).
     camera.set_range_check_policy(Aravis.RangeCheckPolicy.ENABLE)
@@ -256,6 +259,9 @@ def _timing_settings(camera: Any, config: CameraConfig) -> Iterator[Setting]:
             camera.get_frame_rate,
         )
         return
+    # A rate left on holds pulses down; Alvium denies this while a trigger is on (Aravis #879).
+    if camera.is_feature_available("AcquisitionFrameRateEnable"):
+        yield _remembered(camera, "AcquisitionFrameRateEnable", wanted=False)
     # Source and edge are set while the trigger is off, so that no half-configured camera counts pulses.
     # Aravis's set_frame_rate would turn the trigger off.
     if not camera.is_feature_available("TriggerMode"):

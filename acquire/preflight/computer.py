@@ -1,24 +1,19 @@
-"""Checks of the computer: serial port, daemon socket, receive buffer, packet size, USB latency."""
+"""Checks of the computer: serial port, daemon socket, receive buffer, USB latency."""
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import fcntl
 import grp
-import ipaddress
 import os
 import socket
 import stat
-import struct
 from dataclasses import dataclass
 from pathlib import Path
 
-from acquire.camera.discovery import GVCP_PORT
 from acquire.camera.receive_buffer import enlarge_receive_buffer
 from acquire.preflight.check import Check, Measured, failed_check, passed_check, skipped_check
 
-_SIOCGIFADDR, _SIOCGIFMTU = 0x8915, 0x8921
 MAX_SOCKET_PATH_BYTES = 100
 """longest path of the daemon's socket; the kernel allows 107 bytes"""
 LATENCY_MS = 1
@@ -67,20 +62,8 @@ class ReceiveBuffer:
     """net.core.rmem_max; None if it cannot be read (in a container)"""
 
 
-@dataclass(frozen=True)
-class Route:
-    """Network interface that leads to an address: name, largest packet, and whether it is loopback."""
-
-    interface: str
-    """name of the interface, for example eth0"""
-    mtu_bytes: int
-    """largest packet that it carries"""
-    loopback: bool
-    """True if packets stay on this computer"""
-
-
 class Computer:
-    """Linux computer that this program runs on: its serial ports, network and folders, for the checks.
+    """Linux computer that this program runs on: its serial ports, sockets and folders, for the checks.
 
     Args:
         sys: root of the tree /sys; a test passes its own.
@@ -151,28 +134,6 @@ class Computer:
             rmem_max = None
         return ReceiveBuffer(got, rmem_max)
 
-    def route(self, address: str) -> Route | None:
-        """Network interface that leads to an IPv4 address, and its largest packet [bytes]; None if unknown.
-
-        The route states, too, whether packets stay on this computer (loopback). Nothing is sent.
-
-        Raises:
-            OSError: there is no route to the address.
-        """
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.connect((address, GVCP_PORT))  # sends nothing; the kernel only looks up the route
-            local = probe.getsockname()[0]
-            if ipaddress.IPv4Address(local).is_loopback:
-                return Route("lo", _mtu(probe, "lo"), loopback=True)
-            for _, name in socket.if_nameindex():
-                with contextlib.suppress(OSError):
-                    answer = fcntl.ioctl(
-                        probe.fileno(), _SIOCGIFADDR, struct.pack("256s", name.encode()[:15])
-                    )
-                    if socket.inet_ntoa(answer[20:24]) == local:
-                        return Route(name, _mtu(probe, name), loopback=False)
-        return None
-
     def latency_timer_ms(self, port: str) -> int | None:
         """Latency timer [ms] of the USB adapter at the serial port `port`.
 
@@ -186,11 +147,6 @@ class Computer:
             )
         except (OSError, ValueError):
             return None
-
-
-def _mtu(probe: socket.socket, interface: str) -> int:
-    answer = fcntl.ioctl(probe.fileno(), _SIOCGIFMTU, struct.pack("256s", interface.encode()[:15]))
-    return struct.unpack_from("<i", answer, 16)[0]
 
 
 def _has_flock(path: str) -> bool:
@@ -312,45 +268,6 @@ def check_receive_buffer(computer: Computer, asked_bytes: int) -> Check:
             measured,
         )
     return passed_check("receive buffer", found, measured)
-
-
-def check_packet_size(computer: Computer, address: str, packet_size: int) -> Check:
-    """Check that the camera's packets are no larger than the network interface to the camera carries.
-
-    Packets of any size pass on the loopback interface.
-
-    Args:
-        computer: computer whose interface leads to the camera.
-        address: IPv4 address of the camera; with a device id in its place the check is not made.
-        packet_size: size of the camera's packets [bytes].
-
-    Returns:
-        Result of the check: outcome, finding, and a remedy if it failed.
-    """
-    name = "packet size"
-    try:
-        ipaddress.IPv4Address(address)
-    except ValueError:
-        remedy = "write the IP address that `acquire discover` prints"
-        return skipped_check(name, f"{address} is a device id, not an IP address", remedy)
-    try:
-        route = computer.route(address)
-    except OSError as error:
-        remedy = "give the interface an address in the camera's subnet"
-        return failed_check(name, f"no route to {address}: {error.strerror}", remedy)
-    if route is None:
-        remedy = f"compare by hand: `ip route get {address}`, `ip link`"
-        return skipped_check(name, f"the interface to {address} is unknown", remedy)
-    measured = Measured(packet_size, route.mtu_bytes, "B")
-    found = f"{packet_size} B, {route.interface} carries {route.mtu_bytes} B"
-    if route.loopback:
-        return passed_check(name, f"{found} (loopback)", measured)
-    if packet_size > route.mtu_bytes:
-        remedy = (
-            f"sudo ip link set {route.interface} mtu 9000, or packet_size = {route.mtu_bytes} in the rig file"
-        )
-        return failed_check(name, found, remedy, measured)
-    return passed_check(name, found, measured)
 
 
 def check_latency_timer(computer: Computer, state: PortState, port: str) -> Check:

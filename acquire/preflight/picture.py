@@ -19,9 +19,10 @@ GROUPS = {
     "rig file": "rig",
     "serial port": "computer",
     "receive buffer": "computer",
+    "CPU governor": "computer",
     "servo": "servo",
     "striker board": "striker",
-    "camera": "camera",
+    "motion blur": "camera",
     "light": "scene",
 }
 """heading of the group that begins with this check"""

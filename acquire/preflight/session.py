@@ -15,6 +15,7 @@ from acquire.clock.clock import Clock, SystemClock
 from acquire.config import read_rig
 from acquire.daemon.client import DaemonClient
 from acquire.errors import AcquireError, ConfigError, DaemonNotRunning
+from acquire.preflight.blur import BLUR_LINE, check_blur
 from acquire.preflight.board import ReadBoard, check_board, check_held_board, read_board
 from acquire.preflight.camera import CAMERA_LINES, check_camera
 from acquire.preflight.check import Check, Outcome, failed_by_error, failed_check, passed_check, skipped_check
@@ -22,12 +23,14 @@ from acquire.preflight.computer import (
     Computer,
     check_latency_timer,
     check_lock,
-    check_packet_size,
     check_port,
     check_receive_buffer,
     check_socket,
 )
 from acquire.preflight.disk import Disk, check_disk
+from acquire.preflight.firewall import ReadFirewall, read_firewall
+from acquire.preflight.network import NETWORK_LINES, Network, check_network
+from acquire.preflight.processor import GOVERNOR_LINE, Processor, check_governor
 from acquire.preflight.servo import SERVO_LINES, ReadServo, check_held_servo, check_servo, read_servo
 from acquire.preflight.stamps import STAMP_LINE, MeasureStamp, check_stamp, measure_stamp
 from acquire.preflight.usb import check_usb_bandwidth
@@ -44,10 +47,12 @@ LINES = (
     "port lock",
     "USB latency",
     "receive buffer",
-    "packet size",
+    *NETWORK_LINES,
+    GOVERNOR_LINE,
     "disk space",
     "disk speed",
     *SERVO_LINES,
+    BLUR_LINE,
     *CAMERA_LINES,
     STAMP_LINE,
 )
@@ -77,6 +82,10 @@ class Probes:
     """
 
     computer: Computer
+    network: Network
+    firewall: ReadFirewall
+    """function that reads the packet filter"""
+    processor: Processor
     disk: Disk
     servo: ReadServo
     """function that reads the servo"""
@@ -110,6 +119,9 @@ def real_probes(clock: Clock | None = None) -> Probes:
 
     return Probes(
         computer=Computer(),
+        network=Network(),
+        firewall=read_firewall,
+        processor=Processor(),
         disk=Disk(clock.monotonic_ns),
         servo=lambda config: read_servo(config, clock),
         board=lambda config: read_board(config, clock),
@@ -147,13 +159,16 @@ def check_rig(path: Path, probes: Probes) -> Iterator[Check]:
             yield _check_daemon(rig, daemon)
         yield check_socket(probes.computer, rig.daemon.socket_path())
         yield check_level(rig)
-        yield from _check_connections(probes.computer, rig, daemon)
+        yield from _check_connections(probes, rig, daemon)
+        yield check_governor(probes.processor)
         yield from check_disk(probes.disk, rig)
         if daemon is None:
             yield from _check_striker(probes, rig.striker)
+            yield check_blur(rig)
             yield from _check_camera(probes, rig)
         else:
             yield from _check_held_striker(daemon.status, rig.striker)
+            yield check_blur(rig)
             yield from _check_held_camera(daemon, rig)
             yield skipped_check(STAMP_LINE, "the daemon holds the camera: check without it")
 
@@ -184,8 +199,8 @@ def _check_daemon(rig: RigConfig, daemon: RunningDaemon | None) -> Check:
     return passed_check("daemon", f"{running}: camera and servo are checked through it")
 
 
-def _check_connections(computer: Computer, rig: RigConfig, daemon: RunningDaemon | None) -> Iterator[Check]:
-    striker, camera = rig.striker, rig.camera
+def _check_connections(probes: Probes, rig: RigConfig, daemon: RunningDaemon | None) -> Iterator[Check]:
+    computer, striker, camera = probes.computer, rig.striker, rig.camera
     if striker.traits.has_port:
         port = computer.port(striker.port)
         yield check_port(port, striker.port)
@@ -193,7 +208,7 @@ def _check_connections(computer: Computer, rig: RigConfig, daemon: RunningDaemon
         yield check_latency_timer(computer, port, striker.port)
     if camera.traits.on_network:
         yield check_receive_buffer(computer, camera.receive_buffer_bytes)
-        yield check_packet_size(computer, camera.address, camera.packet_size)
+        yield from check_network(probes.network, probes.firewall, camera)
     if camera.traits.on_usb:
         yield check_usb_bandwidth(camera)
 

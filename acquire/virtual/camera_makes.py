@@ -21,9 +21,17 @@ TRIGGER_MODE, TRIGGER_SOURCE, TRIGGER_ACTIVATION = 0x300, 0x304, 0x308
 TRIGGER_SELECTOR, RATE_ENABLE = 0x2000, 0x2004
 EXPOSURE_AUTO, GAIN_AUTO, EXPOSURE_MODE = 0x2008, 0x200C, 0x2010
 BINNING_X, BINNING_Y, REVERSE_X, GAMMA, CHUNKS = 0x2014, 0x2018, 0x201C, 0x2020, 0x2024
-USER_SET, USER_SET_LOAD = 0x2028, 0x202C
+USER_SET, USER_SET_LOAD, TL_LOCK = 0x2028, 0x202C, 0x2030
 """registers beside them, of features that the fake camera lacks"""
-DEFAULTS: Final = {BINNING_X: 1, BINNING_Y: 1, REVERSE_X: 0, GAMMA: 0, CHUNKS: 0, TRIGGER_MODE: 0}
+DEFAULTS: Final = {
+    BINNING_X: 1,
+    BINNING_Y: 1,
+    REVERSE_X: 0,
+    GAMMA: 0,
+    CHUNKS: 0,
+    TRIGGER_MODE: 0,
+    RATE_ENABLE: 0,
+}
 """values of what is remembered, in the "Default" user set"""
 RAW_GAIN_STEP_DB: Final = 0.0359
 DB_SCALE: Final = 100
@@ -51,6 +59,11 @@ class CameraMake:
     """frequency of its clock"""
     stamp_at: Literal["exposure_start", "exposure_end"] = "exposure_start"
     """instant of a frame that it stamps"""
+    locks_payload: bool = False
+    """True if it has TLParamsLocked: while that is 1, or images are sent, what changes an image's size or
+    packets is denied"""
+    trigger_locks_rate: bool = False
+    """True if the frame rate and its switch are denied while a trigger is on (Alvium: Aravis #778, #879)"""
     remembered: dict[int, int] = field(default_factory=dict[int, int])
     """registers that another program has left at other values than the defaults"""
 
@@ -72,11 +85,15 @@ class CameraMake:
             made.text(name, address, length)
         made.integer("SensorWidth", SENSOR_WIDTH, 1, width)
         made.integer("SensorHeight", SENSOR_HEIGHT, 1, height)
-        made.integer("Width", WIDTH, 8, width, 8)
-        made.integer("Height", HEIGHT, 2, height, 2)
+        lock = ""
+        if self.locks_payload:
+            lock = "TLParamsLocked"
+            made.integer(lock, TL_LOCK, 0, 1)
+        made.integer("Width", WIDTH, 8, width, 8, lock)
+        made.integer("Height", HEIGHT, 2, height, 2, lock)
         made.integer("OffsetX", OFFSET_X, 0, width)
         made.integer("OffsetY", OFFSET_Y, 0, height)
-        made.choice("PixelFormat", PIXEL_FORMAT, {"Mono8": 0x01080001, "Mono16": 0x01100007})
+        made.choice("PixelFormat", PIXEL_FORMAT, {"Mono8": 0x01080001, "Mono16": 0x01100007}, lock)
         made.command("AcquisitionStart", ACQUISITION, 1)
         made.command("AcquisitionStop", ACQUISITION, 0)
         made.choice("AcquisitionMode", ACQUISITION_MODE, {"Continuous": 1, "SingleFrame": 2})
@@ -137,13 +154,19 @@ MAKES: Final = {
         ticks_hz=36_000_000,
         remembered=USED,
     ),
-    "alvium-g1": CameraMake("Allied Vision", "Alvium G1-040m", remembered=USED),
+    "alvium-g1": CameraMake(
+        "Allied Vision",
+        "Alvium G1-040m",
+        trigger_locks_rate=True,
+        remembered=USED | {TRIGGER_MODE: 1, RATE_ENABLE: 1},
+    ),
     "blackfly-s": CameraMake(
         "FLIR",
         "Blackfly S BFS-PGE-04S2M",
         triggers=("AcquisitionStart", "FrameStart", "FrameBurstStart"),
         ticks_hz=1_000_000_000,
         stamp_at="exposure_end",
+        locks_payload=True,
         remembered=USED,
     ),
     "hikrobot": CameraMake(
@@ -160,6 +183,7 @@ MAKES: Final = {
         exposure="ExposureTime",
         rate="FPS",
         rate_enable=False,
+        locks_payload=True,
         remembered=USED,
     ),
 }

@@ -34,9 +34,10 @@ class Description:
         node = self._feature("StringReg", name)
         _children(node, Address=hex(address), Length=length, AccessMode="RO", pPort="Device")
 
-    def integer(self, name: str, address: int, low: int, high: int, step: int = 1) -> None:
-        """Add an integer from `low` to `high` in steps of `step`."""
+    def integer(self, name: str, address: int, low: int, high: int, step: int = 1, lock: str = "") -> None:
+        """Add an integer from `low` to `high` in steps of `step`; `lock` as in `choice`."""
         node = self._feature("Integer", name)
+        _lock(node, lock)
         _children(node, pValue=self._register(name, address), Min=low, Max=high, Inc=step)
 
     def number(self, name: str, address: int, bounds: tuple[float, float], to: str, back: str) -> None:
@@ -72,9 +73,17 @@ class Description:
             ET.SubElement(node, "pVariable", Name=variable).text = of
         _children(node, Formula="A * B")
 
-    def choice(self, name: str, address: int, entries: Mapping[str, int]) -> None:
-        """Add a choice of entries, by their values in the register."""
+    def choice(self, name: str, address: int, entries: Mapping[str, int], lock: str = "") -> None:
+        """Add a choice of entries, by their values in the register.
+
+        Args:
+            name: name of the feature.
+            address: its register.
+            entries: values in the register, by the entries' names.
+            lock: feature that locks this one while it is not 0; "" for none.
+        """
         node = self._feature("Enumeration", name)
+        _lock(node, lock)
         for entry, value in entries.items():
             _children(ET.SubElement(node, "EnumEntry", Name=entry), Value=value)
         _children(node, pValue=self._register(name, address))
@@ -111,6 +120,11 @@ class Description:
             Endianess="BigEndian",
         )
         return f"{name}Register"
+
+
+def _lock(node: ET.Element, lock: str) -> None:
+    if lock:
+        _children(node, pIsLocked=lock)
 
 
 def _children(node: ET.Element, **texts: object) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 
 from acquire.errors import CameraError
 from acquire.virtual import aravis_ctypes
-from acquire.virtual.camera_makes import DEFAULTS
+from acquire.virtual.camera_makes import DEFAULTS, TL_LOCK, TRIGGER_MODE
 from acquire.virtual.camera_statistics import CameraStatistics
 from acquire.virtual.device_clock import DRIFT, DeviceClock
 from acquire.virtual.gige_faults import USUAL, CameraHabits
@@ -226,7 +226,9 @@ class VirtualGigeCamera:
         self._library.write_text(self._fake, _MODEL, 32, MODEL if make is None else make.model)
         if make is not None:
             low = 1 if make.raw_gain is None else make.raw_gain[0]
-            used = DEFAULTS | make.remembered
+            used = DEFAULTS | make.remembered | {TL_LOCK: int(self._habits.faults.left_locked)}
+            if self._habits.pulses_hz > 0:
+                used[TRIGGER_MODE] = 0  # the relay keeps it: the fake camera runs freely
             for register, value in {**used, _TICKS_HIGH: 0, _TICKS_LOW: make.ticks_hz, _GAIN: low}.items():
                 write(self._fake, register, value)
 

@@ -98,8 +98,10 @@ class ControlRelay:
         self._control, self._inner = control, inner
         self._inner_address: Address = inner.getsockname()
         self._device_now_ns, self._told = device_now_ns, told
-        self._shadows = {_FRAME_PERIOD: period_us} | ({_TRIGGER_MODE: 0} if habits.pulses_hz > 0 else {})
-        self._faulty = FaultyRegisters(habits.faults)
+        self._shadows = {_FRAME_PERIOD: period_us}
+        if habits.pulses_hz > 0:
+            self._shadows[_TRIGGER_MODE] = habits.remembered(_TRIGGER_MODE)
+        self._faulty = FaultyRegisters(habits)
         self._latched_ns = 0
         self._stream_address, self._stream_port = "", 0
         self._pending: OrderedDict[tuple[Address, int], tuple[int, int]] = OrderedDict()
@@ -199,6 +201,8 @@ class ControlRelay:
         if register == _PRIVILEGE:
             self._told.on_claim()
         elif register == USER_SET_LOAD:
+            if _TRIGGER_MODE in self._shadows:
+                self._shadows[_TRIGGER_MODE] = 0
             self._told.on_user_set()
 
     def _rewrite(self, packet: bytearray, register: int) -> None:

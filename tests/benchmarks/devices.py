@@ -1,32 +1,43 @@
-"""Every make of camera and every model of servo, simulated: what discovery, check and use give.
+"""Every make of camera and kind of striker, simulated: what discovery, check and use give.
 
-`make bench-devices` prints two tables. A refusal states its reason. The struck session of each servo is one
-strike and one stop; the cameras stream for two seconds.
+`make bench-devices` prints two tables. A refusal states its reason. The struck session of each servo, and of
+the striker board, is one strike and one stop; the cameras stream for two seconds. The webcam needs root.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
+import pytest
 from rich.console import Console
 from rich.table import Table
 
 from acquire.camera.aravis import AravisCamera
+from acquire.camera.base import Camera
 from acquire.camera.discovery import identify_camera
+from acquire.camera.factory import make_camera
+from acquire.camera.v4l2_discovery import list_v4l2_cameras
 from acquire.clock.clock import SystemClock
 from acquire.errors import AcquireError
 from acquire.preflight.stamps import measure_stamp
 from acquire.virtual.camera_makes import MAKES, CameraMake
 from acquire.virtual.gige_camera import VirtualGigeCamera
 from acquire.virtual.gige_faults import USUAL, CameraHabits, GigeFaults
+from schemas.camera_kind import CAMERA_KINDS
 from schemas.rig import CameraConfig
+from tests.acquire.camera.video_device import pattern_video
 from tests.acquire.capture.synthetic_rig import CALIBRATION
 from tests.acquire.virtual.pattern_source import PatternSource
+from tests.benchmarks.device_boards import board_rows
 from tests.benchmarks.device_servos import STEPS, servo_rows
 
 ADDRESS = "127.0.0.93"
 FRAMES = 240
 CAMERA_STEPS = ("discover", "open", "stream", "stamps")
+LOCKED = GigeFaults(left_streaming=True, left_locked=True)
 FAULTS = {
     "left streaming": GigeFaults(left_streaming=True),
     "hides its clock's frequency": GigeFaults(hides_ticks=True),
@@ -41,6 +52,29 @@ def camera_rows() -> Iterator[tuple[str, dict[str, str]]]:
         yield f"{make.vendor} {make.model}", _row(CameraHabits(make=make))
     for name, faults in FAULTS.items():
         yield f"Mako, {name}", _row(CameraHabits(make=MAKES["mako"], faults=faults))
+    yield "Blackfly S, left streaming and locked", _row(CameraHabits(make=MAKES["blackfly-s"], faults=LOCKED))
+    with TemporaryDirectory() as folder:
+        for pixel_format in CAMERA_KINDS["v4l2"].pixel_formats:
+            yield f"webcam (V4L2), {pixel_format}", _webcam_row(Path(folder), pixel_format)
+
+
+def _webcam_row(folder: Path, pixel_format: str) -> dict[str, str]:
+    clock, address = SystemClock(), folder / "video0"
+    config = CameraConfig.model_validate(
+        {
+            "kind": "v4l2",
+            "address": str(address),
+            "buffers": 64,
+            "pixel_format": pixel_format,
+            "calibration": CALIBRATION,
+        }
+    )
+    try:
+        with pattern_video(address):
+            found = {"discover": "; ".join(camera.model for camera in list_v4l2_cameras(folder))}
+            return found | _used(lambda each: make_camera(each, clock), config, "exposure_start")
+    except pytest.skip.Exception as reason:
+        return {"discover": f"not run: {reason}"}
 
 
 def _row(habits: CameraHabits) -> dict[str, str]:
@@ -50,19 +84,22 @@ def _row(habits: CameraHabits) -> dict[str, str]:
         identity = identify_camera(ADDRESS)
         found = {"discover": "nothing answers" if identity is None else identity.model}
         config = CameraConfig(address=ADDRESS, buffers=64, calibration=CALIBRATION)
-        try:
-            found |= _streamed(AravisCamera(config, clock))
-            slope = measure_stamp(lambda each: AravisCamera(each, clock), config)
-        except AcquireError as error:
-            return found | {"open": f"refused: {error}"}
-        stated = _stated(habits.make)
-        found["stamps"] = "unknown: no clock" if slope is None else f"slope {slope:.2f} ({stated})"
-        return found
+        return found | _used(lambda each: AravisCamera(each, clock), config, _stated(habits.make))
     finally:
         server.close()
 
 
-def _streamed(camera: AravisCamera) -> dict[str, str]:
+def _used(make: Callable[[CameraConfig], Camera], config: CameraConfig, stated: str) -> dict[str, str]:
+    """What opening, two seconds of images and the check of the stamps gave; `stated` is the true instant."""
+    try:
+        found = _streamed(make(config))
+        slope = measure_stamp(make, config)
+    except AcquireError as error:
+        return {"open": f"refused: {error}"}
+    return found | {"stamps": "unknown: no clock" if slope is None else f"slope {slope:.2f} ({stated})"}
+
+
+def _streamed(camera: Camera) -> dict[str, str]:
     try:
         camera.open()
         camera.start()
@@ -85,7 +122,8 @@ def _stated(make: CameraMake | None) -> str:
 
 def main() -> None:
     """Print both tables."""
-    for title, steps, rows in (("camera", CAMERA_STEPS, camera_rows()), ("servo", STEPS, servo_rows())):
+    strikers = itertools.chain(servo_rows(), board_rows())
+    for title, steps, rows in (("camera", CAMERA_STEPS, camera_rows()), ("striker", STEPS, strikers)):
         table = Table(title, *steps)
         for name, found in rows:
             table.add_row(name, *(found.get(step, "") for step in steps))

@@ -62,7 +62,7 @@ def test_the_commands_of_a_rig_work_on_the_virtual_devices(short_folder: Path) -
     failed = {
         line["name"] for line in json.loads(checked.stdout)["checks"] if line["outcome"].lower() == "fail"
     }
-    assert failed <= {"frames", "disk speed"}  # a busy computer
+    assert failed <= {"frames", "disk speed", "CPU governor"}  # a busy computer, or one that saves power
     daemon = started(short_folder, "run", rig)
     assert daemon.stdout is not None
     assert daemon.stdout.readline().startswith("ready: ")

@@ -25,3 +25,17 @@ PERIOD_NS = 8_333_333
 def test_lost_frames(ids: list[int], periods: list[int], lost: list[int]) -> None:
     loss = FrameLoss(120.0)
     assert [loss.before(frame_id, n * PERIOD_NS) for frame_id, n in zip(ids, periods, strict=True)] == lost
+
+
+@pytest.mark.parametrize(
+    ("ids", "periods", "lost"),
+    [
+        ([1, 2, 3], [0, 3.0, 3.2], [0, 0, 0]),  # the computer was busy for 25 ms
+        ([1, 2, 5], [0, 1.0, 1.1], [0, 0, 2]),
+        ([5, 5, 5], [0, 1.0, 9.0], [0, 0, 0]),  # neither ids nor a clock
+    ],
+)
+def test_arrivals_do_not_count_as_losses(ids: list[int], periods: list[float], lost: list[int]) -> None:
+    loss = FrameLoss(120.0, stamps_arrival=True)
+    times = [round(n * PERIOD_NS) for n in periods]
+    assert [loss.before(frame_id, time) for frame_id, time in zip(ids, times, strict=True)] == lost

@@ -135,6 +135,7 @@ def test_a_clock_without_its_frequency_is_told_and_frames_have_arrival_times(
     habits = CameraHabits(make=MAKES["mako"], faults=GigeFaults(hides_ticks=True))
     with connected(camera_config(ADDRESS), habits) as (camera, _):
         camera.open()
+        assert camera._link.stamps_arrival
         assert camera.latch_clock() is None
         assert (
             "does not report its clock's frequency: frame times come from their arrival" in camera.warnings[0]
@@ -192,5 +193,7 @@ def test_packets_that_the_network_cuts_are_told(camera_config: MakeConfig) -> No
 def test_a_camera_in_another_subnet_gets_the_command_that_mends_it() -> None:
     assert "`sudo ip address add 169.254.7.8/16 dev " in not_found_remedy("169.254.7.9")
     assert "`sudo ip address add 203.0.113.4/24 dev " in not_found_remedy("203.0.113.5")
+    assert "`sudo ip address add 203.0.113.2/24 dev " in not_found_remedy("203.0.113.1")
+    assert "`sudo ip address add 203.0.113.253/24 dev " in not_found_remedy("203.0.113.254")
     assert not_found_remedy("127.0.0.9").startswith("check power")
     assert not_found_remedy("Basler-1234").startswith("check power")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import ipaddress
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +14,9 @@ import numpy as np
 
 from acquire.preflight.board import BOARD_LINE, BoardFacts
 from acquire.preflight.check import Check, Outcome
-from acquire.preflight.computer import FolderState, PortState, ReceiveBuffer, Route
+from acquire.preflight.computer import FolderState, PortState, ReceiveBuffer
+from acquire.preflight.firewall import FirewallState
+from acquire.preflight.network import Route
 from acquire.preflight.read_video import VideoContent
 from acquire.preflight.servo import ServoState
 from acquire.preflight.session import LINES, Probes, RunningDaemon, check_rig
@@ -49,7 +53,6 @@ class FakeComputer:
         default_factory=lambda: FolderState(exists=False, owned=False, private=False, can_be_made=True)
     )
     buffer: ReceiveBuffer = field(default_factory=lambda: ReceiveBuffer(16 << 20, 16 << 20))
-    way: Route | OSError | None = field(default_factory=lambda: Route("enp3s0", 9000, loopback=False))
     latency: int | None = 1
 
     def port(self, path: str) -> PortState:
@@ -61,13 +64,52 @@ class FakeComputer:
     def receive_buffer(self, asked_bytes: int) -> ReceiveBuffer:
         return self.buffer
 
+    def latency_timer_ms(self, port: str) -> int | None:
+        return self.latency
+
+
+SUBNET = ipaddress.IPv4Network("192.168.10.0/24")
+
+
+def route_by(interface: str = "enp3s0", mtu_bytes: int = 9000, own_address: str = "192.168.10.1") -> Route:
+    return Route(interface, mtu_bytes, loopback=interface == "lo", own_address=own_address)
+
+
+@dataclass
+class FakeNetwork:
+    """Fake network with the camera at an interface of its own; models no packet."""
+
+    way: Route | OSError | None = field(default_factory=route_by)
+    near: list[tuple[str, ipaddress.IPv4Network]] | None = field(default_factory=lambda: [("enp3s0", SUBNET)])
+    speed: int | None = 1000
+    filters: dict[str, int] = field(default_factory=dict)
+
     def route(self, address: str) -> Route | None:
         if isinstance(self.way, OSError):
             raise self.way
         return self.way
 
-    def latency_timer_ms(self, port: str) -> int | None:
-        return self.latency
+    def subnets(self, address: str) -> list[tuple[str, ipaddress.IPv4Network]] | None:
+        return self.near
+
+    def link_mbit(self, interface: str) -> int | None:
+        return self.speed
+
+    def reverse_path_filter(self, interface: str) -> int | None:
+        return self.filters.get(interface)
+
+
+@dataclass
+class FakeProcessor:
+    """Fake processors of one driver, governor and energy preference."""
+
+    habit: tuple[str, str, str] | None = ("acpi-cpufreq", "performance", "")
+
+    def habits(self) -> Counter[tuple[str, str, str]]:
+        return Counter() if self.habit is None else Counter({self.habit: 4})
+
+
+OPEN = FirewallState(ufw=False, firewalld=False, legacy=False, rules=[])
 
 
 @dataclass
@@ -129,6 +171,9 @@ class Bench:
 
     rig_path: Path
     computer: FakeComputer = field(default_factory=FakeComputer)
+    network: FakeNetwork = field(default_factory=FakeNetwork)
+    firewall: FirewallState = OPEN
+    processor: FakeProcessor = field(default_factory=FakeProcessor)
     disk: FakeDisk = field(default_factory=FakeDisk)
     servo: ServoState | Exception = field(
         default_factory=lambda: ServoState("XM430-W210", 12.1, 33, None, reads_per_s=600.0)
@@ -146,6 +191,9 @@ class Bench:
 
         probes = Probes(
             self.computer,
+            self.network,
+            lambda: self.firewall,
+            self.processor,
             self.disk,
             lambda _: _given(self.servo),
             lambda _: _given(self.board),

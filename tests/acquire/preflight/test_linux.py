@@ -11,6 +11,7 @@ import pytest
 
 from acquire.preflight.computer import Computer, FolderState, ReceiveBuffer
 from acquire.preflight.disk import Disk
+from acquire.preflight.network import Network
 from tests.acquire.preflight.bench import (
     RIG,
     Bench,
@@ -34,7 +35,7 @@ def test_linux_computer_reads_the_system(tmp_path: Path) -> None:
     assert computer.latency_timer_ms("/dev/ttyUSB7") == 16
     assert computer.latency_timer_ms("/dev/ttyUSB8") is None
     assert computer.receive_buffer(65_536) == ReceiveBuffer(65_536, 212_992)
-    route = computer.route("127.0.0.9")
+    route = Network().route("127.0.0.9")
     assert route is not None
     assert route.loopback
     assert route.mtu_bytes == int(Path("/sys/class/net/lo/mtu").read_text(encoding="ascii"))

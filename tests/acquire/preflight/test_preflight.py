@@ -11,7 +11,7 @@ import pytest
 
 from acquire.errors import CameraNotFound, CameraSettingError, RecorderError, StrikerNotFound
 from acquire.preflight.check import Outcome, failed_by_error
-from acquire.preflight.computer import FolderState, PortState, ReceiveBuffer, Route
+from acquire.preflight.computer import FolderState, PortState, ReceiveBuffer
 from acquire.preflight.picture import CheckPicture
 from acquire.preflight.read_video import VideoContent
 from acquire.preflight.servo import ServoState, check_held_servo
@@ -27,7 +27,9 @@ from tests.acquire.preflight.bench import (
     Bench,
     FakeComputer,
     FakeDisk,
+    FakeNetwork,
     FakeVideoSource,
+    route_by,
     square_corners,
 )
 
@@ -86,8 +88,6 @@ def test_the_serial_port(bench: Bench, state: PortState, line: str, word: str) -
     ("changes", "line", "word"),
     [
         ({"buffer": ReceiveBuffer(212_992, 212_992)}, "receive buffer", "rmem_max=16777216"),
-        ({"way": Route("enp3s0", 1500, loopback=False)}, "packet size", "ip link set enp3s0 mtu 9000"),
-        ({"way": OSError(101, "Network is unreachable")}, "packet size", "subnet"),
         ({"latency": 16}, "USB latency", "latency_timer"),
         (
             {"folder": FolderState(exists=True, owned=True, private=False, can_be_made=True)},
@@ -113,7 +113,7 @@ def test_the_computer(bench: Bench, changes: dict, line: str, word: str) -> None
 
 
 def test_loopback_carries_any_packet_and_a_port_without_a_timer_needs_none(bench: Bench) -> None:
-    bench.computer = FakeComputer(way=Route("lo", 1500, loopback=True), latency=None)
+    bench.computer, bench.network = FakeComputer(latency=None), FakeNetwork(way=route_by("lo", 1500))
     assert bench.failures() == set()
 
 

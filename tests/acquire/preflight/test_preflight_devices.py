@@ -40,6 +40,8 @@ socket = "{folder}/run/daemon.sock"
 )
 THIS_COMPUTERS_OWN = {"receive buffer", "disk speed", "frames", "camera clock"}
 """checks that may fail on a machine that is busy with other tests"""
+THIS_KERNELS = {"CPU governor"}
+"""checks that are not made in a virtual machine, and may fail on a computer that saves power"""
 
 
 @contextlib.contextmanager
@@ -83,7 +85,7 @@ def test_check_of_virtual_devices(tmp_path: Path) -> None:
             RIG.format(address=ADDRESS, port=plant.servo.port_path, folder=tmp_path), encoding="utf-8"
         )
         checks, failures = _check(rig)
-    assert failures <= THIS_COMPUTERS_OWN, {name: checks[name] for name in failures}
+    assert failures <= THIS_COMPUTERS_OWN | THIS_KERNELS, {name: checks[name] for name in failures}
     assert f"tag {TAG} is" in checks["marker"]["found"]
     assert checks["marker"]["measured"]["value"] == pytest.approx(EDGE_PX, abs=1.0)
     assert checks["servo"]["found"].startswith("XM430-W210")
@@ -111,7 +113,7 @@ def test_check_uses_the_daemon_which_notifies_its_service_manager(tmp_path: Path
             words.append(manager.recv(1000))
         assert set(words[:-1]) <= {b"WATCHDOG=1"}
         assert daemon.returncode == 0
-    assert failures <= THIS_COMPUTERS_OWN, {name: checks[name] for name in failures}
+    assert failures <= THIS_COMPUTERS_OWN | THIS_KERNELS, {name: checks[name] for name in failures}
     assert f"pid {daemon.pid}" in checks["daemon"]["found"]
     assert checks["marker"]["measured"]["value"] == pytest.approx(EDGE_PX, abs=1.0)
     assert checks["servo"]["found"] == "held by the daemon, disarmed"

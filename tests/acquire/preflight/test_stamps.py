@@ -47,6 +47,8 @@ def test_the_instant_is_found_out(make: str, slope: float) -> None:
         (0.02, "exposure_start", Outcome.FAIL, "frame times are off by 1.5 ms"),
         (1.0, "exposure_end", Outcome.FAIL, "frame times are off by 1.5 ms"),
         (0.5, "exposure_start", Outcome.FAIL, "neither start nor end"),
+        (-2.0, "exposure_start", Outcome.FAIL, "neither start nor end"),
+        (1.9, "exposure_end", Outcome.FAIL, "neither start nor end"),
         (None, "exposure_start", Outcome.NOT_CHECKED, "clock cannot be read"),
         (CameraSettingError("exposure"), "exposure_start", Outcome.NOT_CHECKED, "two exposures"),
     ],
