@@ -29,6 +29,7 @@ from analyze.geometry.rotations import matrix_from_wxyz
 from analyze.least_squares.intervals import pooled_freedom
 from analyze.motion.body_motion import BodyMotion
 from analyze.motion.free_flight import Flight, FlightBody, distance_from_parabola, fit_flights
+from analyze.motion.free_rotation import FreeRotation, fit_rotations, tensor_ratios
 from analyze.motion.moment_balance import BalancedBody, Contact, balance_moments
 from analyze.progress import Progress, no_progress
 from analyze.types import Array
@@ -68,7 +69,7 @@ MAX_UNPACKED_BYTES: Final = 200_000_000
 _NUMPY_ERRORS: Final = (OSError, ValueError, KeyError, TypeError, MemoryError, SyntaxError, TokenError)
 """Errors of numpy on headers that are damaged or announce more than there is."""
 _ZIP_ERRORS: Final = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, NotImplementedError)
-PROGRESS_STEPS: Final = 5
+PROGRESS_STEPS: Final = 6
 """Steps of the progress bar."""
 
 
@@ -86,6 +87,8 @@ class CubeAnswer:
     """Number of frames of all tosses."""
     flight: FlightBody
     """By free flight. `com` [m] is in true lengths; `gravity` is in the file's unit of length."""
+    rotation: FreeRotation
+    """Ratios of the moments of inertia by free flight."""
     edges: BalancedBody
     """By edge contact, inertia per mass included; lengths in m."""
     corners: BalancedBody
@@ -120,6 +123,22 @@ class CubeAnswer:
         return self.edges.com - self.flight.com, self.edges.covariance[:3, :3] + self.flight.covariance[
             :3, :3
         ]
+
+
+def contact_ratios(body: BalancedBody) -> tuple[Array, Array, Array]:
+    """Inertia by contact over the mean of its diagonal, to compare with flight.
+
+    Args:
+        body: fit to contacts.
+
+    Returns:
+        (6,) ratios xx, yy, zz, xy, xz, yz; their covariance (6, 6); degrees of freedom (6,) of the variances,
+        taken as those of the entries.
+    """
+    ratios = tensor_ratios(body.inertia)
+    mean = float(np.trace(body.inertia)) / 3.0
+    by_entry = (np.eye(6) - np.outer(ratios, [1 / 3] * 3 + [0.0] * 3)) / mean
+    return ratios, by_entry @ body.covariance[3:9, 3:9] @ by_entry.T, body.freedom[3:9]
 
 
 def read_tosses(path: Path) -> list[BodyMotion]:
@@ -226,6 +245,7 @@ def analyse_tosses(tosses: Sequence[BodyMotion], progress: Progress = no_progres
         )
         shared = np.outer(by_width, by_width) + np.outer(by_metre, by_metre)
         found.append(_with_shared_errors(body, shared))
+    progress("rotation in flight", 5, PROGRESS_STEPS)
     slid = [
         float(np.linalg.norm(np.ptp(contact.motion.path_of(contact.corner)[:, :2], axis=0)))
         for contact in touching["edge contacts"]
@@ -236,6 +256,7 @@ def analyse_tosses(tosses: Sequence[BodyMotion], progress: Progress = no_progres
         tosses=len(motions),
         frames=sum(len(motion) for motion in motions),
         flight=true_flight,
+        rotation=fit_rotations(flown),
         edges=found[0],
         corners=found[1],
         slides_m=(low, middle, high),
