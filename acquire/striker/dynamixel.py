@@ -1,4 +1,4 @@
-"""Striker with a Dynamixel servo; one file, because calls, stop and idle thread share one lock and state.
+"""Striker with a Dynamixel servo.
 
 The servo swings the arm, which turns back at contact. It runs in current-based position mode, so that its
 torque is limited.
@@ -10,7 +10,6 @@ contact.
 from __future__ import annotations
 
 import contextlib
-import threading
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +20,6 @@ from acquire.striker.base import (
     SampleSink,
     ServoHealth,
     StrikeOutcome,
-    Striker,
     StrikerState,
 )
 from acquire.striker.contact import fit_contact
@@ -29,8 +27,9 @@ from acquire.striker.detector import ContactDetector
 from acquire.striker.motion import SLOW_RAD_S, SLOW_RAD_S2, ArmMotion, MotionStopped
 from acquire.striker.outcome import strike_outcome
 from acquire.striker.sample import Sample
+from acquire.striker.sequence import DeviceStriker
 from acquire.striker.servo import RUN_THROUGH_RAD, Servo
-from acquire.striker.states import GUARD_S, StrikerStatus, advance, arming_expired, is_overdue, unhomed_status
+from acquire.striker.states import GUARD_S, advance, is_overdue, unhomed_status
 from acquire.striker.tick import TickClock
 from schemas.proto import percuss_pb2 as pb
 
@@ -40,8 +39,6 @@ if TYPE_CHECKING:
     from acquire.striker.bus import MonotonicClock
     from schemas.rig import StrikerConfig
 
-IDLE_S = 0.1
-"""interval at which the idle thread reads the servo [s]"""
 HEALTH_NS = 1_000_000_000
 """interval between readings of supply voltage and temperature while nothing moves [ns]"""
 RETRACT_RAD = 0.15
@@ -56,12 +53,12 @@ _HOST_PAUSED = "this host paused for 60 ms, and the watchdog stopped the arm; ta
 _Event = pb.StrikerEvent
 
 
-class DynamixelStriker(Striker):
+class DynamixelStriker(DeviceStriker):
     """Striker with a Dynamixel servo.
 
-    Order of calls: open, home, then arm, cock and strike for each strike, close. Blocking calls may come from
-    one thread at a time; `stop`, `close` and `state` from any. While no call runs, an idle thread reads the
-    servo ten times a second.
+    While no call runs, the idle thread reads the servo ten times a second. A swing that does not reach the
+    impact point retracts, and its outcome has no contact. A stop brakes the arm at the next read of the servo
+    and holds it, torque on; an error brakes it and switches the torque off.
 
     Args:
         config: section `striker` of the rig file.
@@ -72,6 +69,9 @@ class DynamixelStriker(Striker):
         clock: host monotonic time.
     """
 
+    idle_s = 0.1
+    speed_remedy = "velocity_limit_rad_s, cocked_angle_rad or arm_length_m"
+
     def __init__(
         self,
         config: StrikerConfig,
@@ -80,25 +80,12 @@ class DynamixelStriker(Striker):
         clock_sink: ClockSink,
         clock: MonotonicClock,
     ) -> None:
-        self._config = config
-        self._sample_sink, self._event_sink = sample_sink, event_sink
-        self._clock = clock
+        super().__init__(config, event_sink, clock)
+        self._sample_sink = sample_sink
         self._servo = Servo(config, clock)
         self._ticks = TickClock(clock_sink)
-        self._status = StrikerStatus(StrikerState.DISARMED, clock.monotonic_ns())
-        self._strike_id = ""
-        self._fault_text = ""
         self._health: ServoHealth | None = None
-        self._stop_requested = False  # a plain flag: a signal handler may do no more than set it
-        self._call_lock = threading.Lock()  # not re-entrant: a signal handler must not enter during a call
         self._motion = ArmMotion(config, self._servo, clock, self._stop_is_requested, self._publish)
-        self._closing = threading.Event()
-        self._watch: threading.Thread | None = None
-
-    @property
-    def state(self) -> StrikerState:
-        """Current state of the striker, e.g. DISARMED, HOMED, ARMED or FAULT."""
-        return self._status.state
 
     @property
     def health(self) -> ServoHealth | None:
@@ -108,77 +95,17 @@ class DynamixelStriker(Striker):
         """
         return self._health
 
-    # --- open and close
+    def _open_device(self) -> None:
+        self._servo.open()
 
-    def open(self) -> None:
-        """Open the port, find the servo, write its limits and read them back; start the idle thread.
-
-        Raises:
-            StrikerNotFound: no such port, port in use, or no servo of a known model on it.
-            StrikerError: a limit is refused or reads back differently, the servo no longer answers, or the
-                process that switches the torque off when this one dies does not start.
-        """
-        with self._call_lock:
-            self._servo.open()
-            self._closing.clear()
-            self._watch = threading.Thread(target=self._watch_idle, name="striker-watch", daemon=True)
-            self._watch.start()
-
-    def close(self) -> None:
-        """End a running call and the idle thread, switch torque off and release the port. Always safe.
-
-        The state is DISARMED and not homed afterwards.
-        """
-        self._stop_requested = True  # ends a call that runs in another thread
-        self._closing.set()
-        watch, self._watch = self._watch, None
-        if watch is not None and watch is not threading.current_thread():
-            watch.join()
-        with self._call_lock:
-            if self._servo.is_open:
-                with contextlib.suppress(StrikerError):
-                    self._servo.stop_watchdog()
-                    self._servo.torque_off()
-                self._servo.close()
-            self._status = unhomed_status(self._clock.monotonic_ns())
-            self._stop_requested = False
-
-    def stop(self) -> None:
-        """Request an immediate stop: motion ends, and no strike is allowed any longer.
-
-        Never blocks. If a call in another thread is moving the arm, that call brakes the arm at its next
-        read of the servo and raises StrikerStopped.
-        """
-        self._stop_requested = True
-        if self._call_lock.acquire(blocking=False):
-            try:
-                self._consume_stop()
-            finally:
-                self._call_lock.release()
+    def _close_device(self) -> None:
+        if self._servo.is_open:
+            with contextlib.suppress(StrikerError):
+                self._servo.stop_watchdog()
+                self._servo.torque_off()
+            self._servo.close()
 
     # --- strike sequence
-
-    def home(self, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Clear a fault, switch the torque on, and move slowly to the cocked (raised) angle.
-
-        The state is HOMED afterwards. A port that was lost is opened again.
-
-        Args:
-            stopped: function that returns True if a stop was requested after this homing was ordered; called
-                after the stop requests received so far were cleared.
-
-        Raises:
-            StrikerStopped: a stop was requested after this homing was ordered, or while the arm moves.
-            StrikerError: the servo is not found, does not answer, reports a hardware error again, or the arm
-                does not come to rest; the state is FAULT then.
-        """
-        with self._call_lock:
-            self._consume_stop()
-            if stopped():
-                raise StrikerStopped
-            if self._status.state not in {StrikerState.FAULT, StrikerState.HOMED, StrikerState.DISARMED}:
-                self._enter(StrikerState.DISARMED)
-            self._run_guarded(self._home)
 
     def _home(self) -> None:
         if not self._servo.is_open:
@@ -192,86 +119,19 @@ class DynamixelStriker(Striker):
         self._servo.move_to(self._config.cocked_angle_rad, SLOW_RAD_S, SLOW_RAD_S2)
         self._motion.settle(2.0 + 2 * abs(angle - self._config.cocked_angle_rad) / SLOW_RAD_S)
         self._servo.stop_watchdog()
-        self._enter(StrikerState.HOMED, _Event.HOMED)
 
-    def arm(self) -> None:
-        """Allow one strike, for the time `arming_expires_s` of the rig file. The state is ARMED afterwards.
-
-        Raises:
-            StrikerRefused: not homed, or a strike is allowed or running already.
-            StrikerError: the servo reports a hardware error or does not answer, or the process that switches
-                the torque off when this one dies does not start; the state is FAULT then.
-        """
-        with self._call_lock:
-            self._consume_stop()
-            self._disarm_if_expired()
-            advance(self._status, StrikerState.ARMED, self._clock.monotonic_ns())
-            self._run_guarded(self._servo.raise_hardware_error)
-            self._run_guarded(self._servo.keep_dead_man_switch)
-            self._enter(StrikerState.ARMED, _Event.ARMED)
-
-    def cock(self) -> None:
-        """Move to the cocked (raised) angle and settle there. The state is SETTLED afterwards.
-
-        Raises:
-            StrikerRefused: not armed, or the arming expired.
-            StrikerStopped: a stop was requested; it is a StrikerRefused.
-            StrikerError: the servo reports a hardware error, refuses an order or does not answer, or the arm
-                does not settle; the state is FAULT then.
-        """
-        with self._call_lock:
-            self._consume_stop()
-            self._disarm_if_expired()
-            self._enter(StrikerState.COCKING)
-            self._run_guarded(self._cock)
+    def _arm(self) -> None:
+        self._servo.raise_hardware_error()
+        self._servo.keep_dead_man_switch()
 
     def _cock(self) -> None:
         self._servo.start_watchdog()
         self._servo.move_to(self._config.cocked_angle_rad, SLOW_RAD_S, SLOW_RAD_S2)
         self._motion.settle(min(self._config.arming_expires_s, GUARD_S[StrikerState.COCKING]))
         self._servo.stop_watchdog()
-        self._enter(StrikerState.SETTLED, _Event.COCKED)
 
-    def strike(self, strike_id: str, tip_speed_m_s: float) -> StrikeOutcome:
-        """Swing once, retract after the contact, count the contacts, and disarm; return the measurements.
-
-        If the arm does not reach the impact point, it retracts, and the outcome has no contact.
-
-        Args:
-            strike_id: id of the strike in the events.
-            tip_speed_m_s: tip speed to command [m/s].
-
-        Returns:
-            Contact time (host monotonic) [ns], tip speed before contact [m/s], impulse [N s] and number of
-            contacts. Without a contact, time and impulse are None, the others 0. The impulse is also None if
-            no significant loss of speed was measured.
-
-        Raises:
-            StrikerRefused: not armed, not settled, the arming expired, or the speed is outside the limits.
-            StrikerStopped: a stop was requested; it is a StrikerRefused.
-            StrikerError: the servo reports a hardware error, refuses an order or does not answer, or the arm
-                does not settle; the state is FAULT then, and the torque is off if the servo can be reached.
-        """
-        with self._call_lock:
-            self._consume_stop()
-            self._disarm_if_expired()
-            now_ns = self._clock.monotonic_ns()
-            advance(self._status, StrikerState.RELEASED, now_ns)
-            velocity = self._checked_velocity(tip_speed_m_s)
-            self._strike_id = strike_id
-            outcome: StrikeOutcome = self._run_guarded(lambda: self._strike(velocity))
-            return outcome
-
-    def _checked_velocity(self, tip_speed_m_s: float) -> float:
-        # Compared as tip speed, like the plan's limits, so that rounding never makes a planned speed a
-        # refused one.
-        if problem := self._config.tip_speeds().problem(tip_speed_m_s):
-            raise StrikerRefused(
-                f"{problem}; change velocity_limit_rad_s, cocked_angle_rad or arm_length_m in the rig file"
-            )
-        return tip_speed_m_s / self._config.arm_length_m
-
-    def _strike(self, velocity: float) -> StrikeOutcome:
+    def _strike(self, tip_speed_m_s: float) -> StrikeOutcome:
+        velocity = tip_speed_m_s / self._config.arm_length_m
         self._servo.start_watchdog()
         released_ns = self._clock.monotonic_ns()
         self._enter(StrikerState.RELEASED, _Event.RELEASED)
@@ -344,24 +204,10 @@ class DynamixelStriker(Striker):
             )
         )
 
-    def _emit(self, kind: _Event.Kind, **fields: Any) -> None:
-        fields.setdefault("host_time_ns", self._clock.monotonic_ns())
-        self._event_sink(_Event(kind=kind, strike_id=self._strike_id, **fields))
-
     # --- states
 
     def _is_overdue(self, now_ns: int) -> bool:
         return is_overdue(self._status, now_ns)
-
-    def _enter(self, state: StrikerState, kind: _Event.Kind | None = None) -> None:
-        now_ns = self._clock.monotonic_ns()
-        self._status = advance(self._status, state, now_ns)
-        if state is StrikerState.DISARMED:
-            self._strike_id, strike_id = "", self._strike_id
-            if kind is not None:
-                self._event_sink(_Event(kind=kind, strike_id=strike_id, host_time_ns=now_ns))
-        elif kind is not None:
-            self._emit(kind, host_time_ns=now_ns)
 
     def _run_guarded(self, action: Callable[[], Any]) -> Any:
         """Call `action` and return its result; hold the arm after a stop, switch torque off after an error.
@@ -408,27 +254,7 @@ class DynamixelStriker(Striker):
     def _stop_is_requested(self) -> bool:
         return self._stop_requested
 
-    def _consume_stop(self) -> None:
-        """Clear a stop that was requested while nothing moved, and report it as an event.
-
-        A strike is no longer allowed then, and the arm stays where it is. Without a request nothing happens.
-        """
-        if not self._stop_requested:
-            return
-        self._stop_requested = False
-        self._emit(_Event.STOPPED)
-        if self._status.armed_ns is not None:
-            self._enter(StrikerState.DISARMED, _Event.DISARMED)
-
-    def _disarm_if_expired(self) -> None:
-        if arming_expired(self._status, self._clock.monotonic_ns(), self._config.arming_expires_s):
-            self._enter(StrikerState.DISARMED, _Event.DISARMED)
-
-    def _enter_fault(self, error: StrikerError) -> None:
-        # The same fault again after homing is not announced twice.
-        again = self._status.state is StrikerState.FAULT and str(error) == self._fault_text
-        self._fault_text = str(error)
-        self._status = advance(self._status, StrikerState.FAULT, self._clock.monotonic_ns())
+    def _secure(self, error: StrikerError) -> None:
         with contextlib.suppress(StrikerError):
             # Without torque a moving arm would run on against its friction alone; the watchdog stops one
             # whose servo is lost.
@@ -439,36 +265,24 @@ class DynamixelStriker(Striker):
             self._servo.torque_off()
         if isinstance(error, StrikerLost):
             self._servo.close()  # an unplugged port only works after it was opened again
-        if not again:
-            self._emit(_Event.FAULT, text=str(error))
 
-    def _watch_idle(self) -> None:
-        """Run the idle thread: read servo and clock while no call runs, disarm when the arming expires.
-
-        It also restarts the process that switches the torque off when this one dies. If the servo fails, the
-        state is FAULT. The thread ends when the striker is closed.
-        """
-        while not self._closing.wait(IDLE_S):
-            if not self._call_lock.acquire(blocking=False):
-                continue
-            try:
-                self._consume_stop()
-                self._disarm_if_expired()
-                if not self._servo.is_open:
-                    self._health = None
-                    continue
-                self._servo.keep_dead_man_switch()
-                if self._status.state is not StrikerState.FAULT:
-                    self._publish(self._servo.require_sample())
-                if self._health is None or self._clock.monotonic_ns() - self._health.read_ns > HEALTH_NS:
-                    self._health = self._servo.health()
-            except StrikerError as error:
-                if self._status.state is not StrikerState.FAULT:
-                    self._enter_fault(error)
-                elif isinstance(error, StrikerLost):
-                    self._servo.close()
-            finally:
-                self._call_lock.release()
+    def _attend(self) -> None:
+        """Read servo and clock; restart the process that switches the torque off when this one dies."""
+        if not self._servo.is_open:
+            self._health = None
+            return
+        failed = self._status.state is StrikerState.FAULT
+        try:
+            self._servo.keep_dead_man_switch()
+            if not failed:
+                self._publish(self._servo.require_sample())
+            if self._health is None or self._clock.monotonic_ns() - self._health.read_ns > HEALTH_NS:
+                self._health = self._servo.health()
+        except StrikerError as error:
+            if not failed:
+                raise
+            if isinstance(error, StrikerLost):
+                self._servo.close()
 
 
 def _retracted(sample: Sample) -> bool:

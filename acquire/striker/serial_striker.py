@@ -9,18 +9,18 @@ from __future__ import annotations
 
 import contextlib
 import math
-import threading
 import time
 from typing import TYPE_CHECKING, Any
 
 from acquire.errors import StrikerError, StrikerFault, StrikerLost, StrikerRefused, StrikerStopped
-from acquire.striker.base import ClockSink, EventSink, SampleSink, StrikeOutcome, Striker, StrikerState
+from acquire.striker.base import ClockSink, EventSink, SampleSink, StrikeOutcome, StrikerState
 from acquire.striker.board_clock import BoardClock
 from acquire.striker.board_lines import BoardIdentity, BoardState
 from acquire.striker.board_link import BoardLink
 from acquire.striker.board_outcome import board_outcome, wait_for_contacts
 from acquire.striker.board_problem import refuse_fault, refuse_other_speeds, refuse_unarmed
-from acquire.striker.states import GUARD_S, StrikerStatus, advance, arming_expired, unhomed_status
+from acquire.striker.sequence import DeviceStriker
+from acquire.striker.states import GUARD_S, unhomed_status
 from schemas.proto import percuss_pb2 as pb
 
 if TYPE_CHECKING:
@@ -41,11 +41,12 @@ CLOCK_READINGS = 8
 _Event = pb.StrikerEvent
 
 
-class SerialStriker(Striker):
+class SerialStriker(DeviceStriker):
     """Striker that a microcontroller on a serial port fires.
 
-    Blocking calls may come from one thread at a time; `stop`, `close` and `state` from any. While no call
-    runs, an idle thread sends the board the signs of life without which it disarms itself.
+    While no call runs, the idle thread sends the board the signs of life without which it disarms itself. A
+    stop is sent at once, also during a strike. Where the board does not measure contacts, the outcome has no
+    contact time; the impulse is always None.
 
     Args:
         config: section `striker` of the rig file.
@@ -55,6 +56,9 @@ class SerialStriker(Striker):
         clock: host monotonic time.
     """
 
+    idle_s = BEAT_S
+    speed_remedy = "speed_range_m_s"
+
     def __init__(
         self,
         config: StrikerConfig,
@@ -63,38 +67,14 @@ class SerialStriker(Striker):
         clock_sink: ClockSink,
         clock: MonotonicClock,
     ) -> None:
-        self._config, self._event_sink, self._clock = config, event_sink, clock
+        super().__init__(config, event_sink, clock)
         self._link = BoardLink(config.port, config.baud_rate, clock)
         self._board_clock = BoardClock(clock_sink)
         self._identity: BoardIdentity | None = None
-        self._status = StrikerStatus(StrikerState.DISARMED, clock.monotonic_ns())
-        self._strike_id = ""
-        self._fault_text = ""
-        self._stop_requested = False  # a plain flag: a signal handler may do no more than set it
-        self._call_lock = threading.Lock()
-        self._closing = threading.Event()
-        self._idle: threading.Thread | None = None
         self._idle_read_ns = 0
 
-    @property
-    def state(self) -> StrikerState:
-        """Current state of the striker, e.g. DISARMED, HOMED, ARMED or FAULT."""
-        return self._status.state
-
-    # --- open and close
-
-    def open(self) -> None:
-        """Open the port, identify the board and start the idle thread.
-
-        Raises:
-            StrikerNotFound: no such port, port in use, or no board of this protocol on it.
-            StrikerError: the board cannot fire at the speeds in the rig file, or does not answer.
-        """
-        with self._call_lock:
-            self._connect()
-            self._closing.clear()
-            self._idle = threading.Thread(target=self._keep_alive, name="striker-beat", daemon=True)
-            self._idle.start()
+    def _open_device(self) -> None:
+        self._connect()
 
     def _connect(self) -> None:
         identity = self._link.open()
@@ -107,58 +87,16 @@ class SerialStriker(Striker):
         self._identity = identity
         self._board_clock.restart()
 
-    def close(self) -> None:
-        """End a running call and the idle thread, make the board safe and release the port. Always safe.
+    def _close_device(self) -> None:
+        if self._link.is_open:
+            with contextlib.suppress(StrikerError):
+                self._link.status("stop")
+            self._link.close()
 
-        The state is DISARMED and not homed afterwards.
-        """
-        self._stop_requested = True  # ends a call that runs in another thread
-        self._closing.set()
+    def _interrupt(self) -> None:
         self._link.send_stop()
-        idle, self._idle = self._idle, None
-        if idle is not None and idle is not threading.current_thread():
-            idle.join()
-        with self._call_lock:
-            if self._link.is_open:
-                with contextlib.suppress(StrikerError):
-                    self._link.status("stop")
-                self._link.close()
-            self._status = unhomed_status(self._clock.monotonic_ns())
-            self._stop_requested = False
-
-    def stop(self) -> None:
-        """Order the board to switch its drive off and to disarm; no strike is allowed any longer.
-
-        Never blocks. The order is sent at once, also during a strike, whose call then raises StrikerStopped.
-        """
-        self._stop_requested = True
-        self._link.send_stop()
-        if self._call_lock.acquire(blocking=False):
-            try:
-                self._consume_stop()
-            finally:
-                self._call_lock.release()
 
     # --- strike sequence
-
-    def home(self, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Make the board safe, and go to state HOMED; a port that was lost is opened again. Nothing moves.
-
-        Args:
-            stopped: function that returns True if a stop was requested after this homing was ordered; called
-                after the stop requests received so far were cleared.
-
-        Raises:
-            StrikerStopped: `stopped` returned True.
-            StrikerError: the board is not found, does not answer or is in a fault; the state is FAULT then.
-        """
-        with self._call_lock:
-            self._consume_stop()
-            if stopped():
-                raise StrikerStopped
-            if self._status.state not in {StrikerState.FAULT, StrikerState.HOMED, StrikerState.DISARMED}:
-                self._enter(StrikerState.DISARMED)
-            self._run_guarded(self._home)
 
     def _home(self) -> None:
         if self._status.state is StrikerState.FAULT:
@@ -166,40 +104,10 @@ class SerialStriker(Striker):
         if not self._link.is_open:
             self._connect()
         refuse_fault(self._config.port, self._link.status("stop"))
-        self._enter(StrikerState.HOMED, _Event.HOMED)
-
-    def arm(self) -> None:
-        """Allow one strike, for the time `arming_expires_s` of the rig file. The state is ARMED afterwards.
-
-        Raises:
-            StrikerRefused: not homed, or a strike is allowed or running already.
-            StrikerError: the board refuses or does not answer; the state is FAULT then.
-        """
-        with self._call_lock:
-            self._consume_stop()
-            self._disarm_if_expired()
-            advance(self._status, StrikerState.ARMED, self._clock.monotonic_ns())
-            self._run_guarded(self._arm)
-            self._enter(StrikerState.ARMED, _Event.ARMED)
 
     def _arm(self) -> None:
         status = self._link.status("arm", round(1000 * self._config.arming_expires_s))
         refuse_unarmed(self._config.port, status)
-
-    def cock(self) -> None:
-        """Wait until the board reports the striker drawn back. The state is SETTLED afterwards.
-
-        Raises:
-            StrikerRefused: not armed, or the arming expired.
-            StrikerStopped: a stop was requested; it is a StrikerRefused.
-            StrikerError: the striker is not drawn back within 5 s, or the board does not answer, has disarmed
-                itself or is in a fault; the state is FAULT then.
-        """
-        with self._call_lock:
-            self._consume_stop()
-            self._disarm_if_expired()
-            self._enter(StrikerState.COCKING)
-            self._run_guarded(self._cock)
 
     def _cock(self) -> None:
         end_ns = self._clock.monotonic_ns() + round(GUARD_S[StrikerState.COCKING] * 1e9)
@@ -210,42 +118,14 @@ class SerialStriker(Striker):
                     "confirm that the object is in place"
                 )
             time.sleep(LOADING_POLL_S)
-        self._enter(StrikerState.SETTLED, _Event.COCKED)
 
-    def strike(self, strike_id: str, tip_speed_m_s: float) -> StrikeOutcome:
-        """Fire once, wait for the contact, count the contacts, and disarm; return what the board measured.
-
-        Args:
-            strike_id: id of the strike in the events.
-            tip_speed_m_s: tip speed to order [m/s].
-
-        Returns:
-            Time of firing, and contact time and tip speed where the board measures them; a board that senses
-            contacts and felt none gives speed 0. The impulse is None.
-
-        Raises:
-            StrikerRefused: not armed, not drawn back, the arming expired, or the speed is outside the limits.
-            StrikerStopped: a stop was requested; it is a StrikerRefused.
-            StrikerError: the board does not answer, has disarmed itself or is in a fault; the state is FAULT
-                then.
-        """
-        with self._call_lock:
-            self._consume_stop()
-            self._disarm_if_expired()
-            advance(self._status, StrikerState.RELEASED, self._clock.monotonic_ns())
-            if problem := self._config.tip_speeds().problem(tip_speed_m_s):
-                raise StrikerRefused(f"{problem}; change speed_range_m_s in the rig file")
-            self._strike_id = strike_id
-            outcome: StrikeOutcome = self._run_guarded(lambda: self._strike(round(1000 * tip_speed_m_s)))
-            return outcome
-
-    def _strike(self, speed_mm_s: int) -> StrikeOutcome:
+    def _strike(self, tip_speed_m_s: float) -> StrikeOutcome:
         readings = self._read_clock()
         if self._stop_requested:
             raise StrikerStopped
         self._enter(StrikerState.RELEASED)
         before_ns = self._clock.monotonic_ns()
-        status = self._link.fire(speed_mm_s)
+        status = self._link.fire(round(1000 * tip_speed_m_s))
         after_ns = self._clock.monotonic_ns()
         if status.state in {BoardState.ARMED, BoardState.LOADING}:
             raise StrikerLost(f"{self._config.port}: the order to fire was lost; check the board's cable")
@@ -300,17 +180,6 @@ class SerialStriker(Striker):
         refuse_unarmed(self._config.port, status)
         return status.state
 
-    def _emit(self, kind: _Event.Kind, **fields: Any) -> None:
-        fields.setdefault("host_time_ns", self._clock.monotonic_ns())
-        self._event_sink(_Event(kind=kind, strike_id=self._strike_id, **fields))
-
-    def _enter(self, state: StrikerState, kind: _Event.Kind | None = None) -> None:
-        self._status = advance(self._status, state, self._clock.monotonic_ns())
-        if kind is not None:
-            self._emit(kind)
-        if state is StrikerState.DISARMED:
-            self._strike_id = ""
-
     def _run_guarded(self, action: Callable[[], Any]) -> Any:
         """Call `action` and return its result; make the board safe after a stop or an error.
 
@@ -340,51 +209,14 @@ class SerialStriker(Striker):
             self._status = unhomed_status(self._clock.monotonic_ns())
         self._emit(_Event.STOPPED)
 
-    def _enter_fault(self, error: StrikerError) -> None:
-        if self._status.state is not StrikerState.FAULT or self._fault_text != str(error):
-            self._emit(_Event.FAULT, text=str(error))
-        self._fault_text = str(error)
-        self._status = advance(self._status, StrikerState.FAULT, self._clock.monotonic_ns())
+    def _secure(self, error: StrikerError) -> None:  # noqa: ARG002 - whatever it is, a stop makes it safe
         self._link.send_stop()
 
-    def _consume_stop(self) -> None:
-        """Clear a stop that was requested while no call ran, report it, and end a permission to strike."""
-        if not self._stop_requested:
-            return
-        self._stop_requested = False
-        self._emit(_Event.STOPPED)
-        self._disarm()
-
-    def _disarm_if_expired(self) -> None:
-        if arming_expired(self._status, self._clock.monotonic_ns(), self._config.arming_expires_s):
-            self._disarm()
-
-    def _disarm(self) -> None:
-        """End a permission to strike, here and on the board; without one nothing happens."""
-        if self._status.armed_ns is None:
-            return
-        self._enter(StrikerState.DISARMED, _Event.DISARMED)
-        try:
-            self._link.status("stop")
-        except StrikerError as error:
-            self._enter_fault(error)
-
-    # --- idle thread
-
-    def _keep_alive(self) -> None:
-        while not self._closing.wait(BEAT_S):
-            if self._call_lock.acquire(blocking=False):
-                try:
-                    self._attend()
-                except StrikerError as error:
-                    self._enter_fault(error)
-                finally:
-                    self._call_lock.release()
+    def _end_permission(self) -> None:
+        self._link.status("stop")
 
     def _attend(self) -> None:
         """Send the sign of life that an armed board needs; otherwise read its clock twice a second."""
-        self._consume_stop()
-        self._disarm_if_expired()
         if self._status.state is StrikerState.FAULT or not self._link.is_open:
             return
         now_ns = self._clock.monotonic_ns()

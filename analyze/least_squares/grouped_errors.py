@@ -58,10 +58,11 @@ def group_freedom(inverse: Array, normals: Array) -> Array:
     less one for the estimate itself; at least 1.
 
     Args:
-        inverse: (p, p) inverse of the fit's normal matrix J^T W J, in any unit.
-        normals: (g, p, p) the groups' own contributions to the normal matrix, in the same unit.
+        inverse: (p, q) inverse of the fit's normal matrix J^T W J, in any unit; or, for p quantities that
+            depend on its q unknowns, their derivatives times that inverse.
+        normals: (g, q, q) the groups' own contributions to the normal matrix, in the same unit.
     """
-    share = np.einsum("jr,grc,cj->gj", inverse, normals, inverse)
+    share = np.einsum("jr,grc,jc->gj", inverse, normals, inverse)
     share = np.maximum(share, 0.0)
     total = share.sum(axis=0)
     return np.maximum(total**2 / np.maximum(np.sum(share**2, axis=0), 1e-300) - 1.0, 1.0)

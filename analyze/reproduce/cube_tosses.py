@@ -9,34 +9,22 @@ length.
 
 from __future__ import annotations
 
-import lzma
-import struct
-import warnings
-import zipfile
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
-from pathlib import Path
-from tokenize import TokenError
 from typing import Final, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from analyze.errors import RecordingError
-from analyze.geometry.rotations import matrix_from_wxyz
 from analyze.least_squares.intervals import pooled_freedom
 from analyze.motion.body_motion import BodyMotion
 from analyze.motion.free_flight import Flight, FlightBody, distance_from_parabola, fit_flights
+from analyze.motion.free_rotation import FreeRotation, fit_rotations, tensor_ratios
 from analyze.motion.moment_balance import BalancedBody, Contact, balance_moments
 from analyze.progress import Progress, no_progress
 from analyze.types import Array
 
 Fitted = TypeVar("Fitted", FlightBody, BalancedBody)
-DEFAULT_DATA: Final = Path("../shared/data/contactnets_tosses.npz")
-_DOCS: Final = "docs/reference/reproduce.md"
-FRAME_RATE_HZ: Final = 148.0
 EDGE_M: Final = 0.1048
 """Width of the cube [m]."""
 CORNERS: Final = 0.5 * EDGE_M * np.array(list(product((-1.0, 1.0), repeat=3)))
@@ -63,12 +51,7 @@ FLIGHT_GUARD, CONTACT_GUARD = 3, 2
 them."""
 LEAST_FRAMES: Final = 9
 """Least number of frames of a contact; a flight has more than this."""
-MAX_UNPACKED_BYTES: Final = 200_000_000
-"""Largest size [bytes] to which a file of tosses may unpack; the published one has 2 MB."""
-_NUMPY_ERRORS: Final = (OSError, ValueError, KeyError, TypeError, MemoryError, SyntaxError, TokenError)
-"""Errors of numpy on headers that are damaged or announce more than there is."""
-_ZIP_ERRORS: Final = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, NotImplementedError)
-PROGRESS_STEPS: Final = 5
+PROGRESS_STEPS: Final = 6
 """Steps of the progress bar."""
 
 
@@ -86,6 +69,8 @@ class CubeAnswer:
     """Number of frames of all tosses."""
     flight: FlightBody
     """By free flight. `com` [m] is in true lengths; `gravity` is in the file's unit of length."""
+    rotation: FreeRotation
+    """Ratios of the moments of inertia by free flight."""
     edges: BalancedBody
     """By edge contact, inertia per mass included; lengths in m."""
     corners: BalancedBody
@@ -122,58 +107,20 @@ class CubeAnswer:
         ]
 
 
-def read_tosses(path: Path) -> list[BodyMotion]:
-    """Read the motions of the tosses from a packed file (.npz), with poses at `FRAME_RATE_HZ`.
+def contact_ratios(body: BalancedBody) -> tuple[Array, Array, Array]:
+    """Inertia by contact over the mean of its diagonal, to compare with flight.
+
+    Args:
+        body: fit to contacts.
 
     Returns:
-        Motion of each toss: poses of the cube in the world frame by time [s]. Lengths are in the file's own
-        unit, which it calls metre.
-
-    Raises:
-        RecordingError: the file does not exist, or does not contain packed tosses with valid poses.
+        (6,) ratios xx, yy, zz, xy, xz, yz; their covariance (6, 6); degrees of freedom (6,) of the variances,
+        taken as those of the entries.
     """
-    if not path.is_file():
-        raise RecordingError(
-            f"{path}: not found: give --data FILE, the tosses of DAIRLab/contact-nets, packed as in {_DOCS}"
-        )
-    try:
-        lengths, position, quaternion = _columns(path)
-    except (EOFError, RuntimeError, *_NUMPY_ERRORS, *_ZIP_ERRORS) as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise RecordingError(f"{path}: not a file of packed tosses ({reason}): see {_DOCS}") from None
-    total = int(lengths.sum()) if lengths.ndim == 1 else -1
-    if position.shape != (total, 3) or quaternion.shape != (total, 4) or np.any(lengths < 2):
-        raise RecordingError(f"{path}: the toss lengths do not match the number of poses: see {_DOCS}")
-    norm = np.linalg.norm(quaternion, axis=1)
-    if not (np.all(np.isfinite(position)) and np.all(np.abs(norm - 1) < 0.01)):
-        raise RecordingError(
-            f"{path}: holds invalid poses (not finite, or quaternions not of unit length): see {_DOCS}"
-        )
-    R = matrix_from_wxyz(quaternion / norm[:, None])
-    ends = np.cumsum(lengths)
-    return [
-        BodyMotion(np.arange(end - start) / FRAME_RATE_HZ, position[start:end], R[start:end])
-        for start, end in zip(np.append(0, ends[:-1]), ends, strict=True)
-    ]
-
-
-def _columns(path: Path) -> tuple[NDArray[np.int64], Array, Array]:
-    """Numbers of frames (t,), positions and quaternions of all frames of a file of t tosses, unchecked.
-
-    Raises:
-        Exception: one of many, as the file is damaged or none of tosses.
-    """
-    with zipfile.ZipFile(path) as archive:
-        unpacked = sum(item.file_size for item in archive.infolist())
-    if unpacked > MAX_UNPACKED_BYTES:
-        raise ValueError(f"unpacks to {unpacked / 1e6:.0f} MB, more than {MAX_UNPACKED_BYTES / 1e6:.0f} MB")
-    with warnings.catch_warnings(), np.load(path, allow_pickle=False) as packed:
-        warnings.simplefilter("ignore")  # a damaged header looks like one of Python 2
-        return (
-            np.asarray(packed["length"], dtype=np.int64),
-            np.asarray(packed["position_m"], dtype=np.float64),
-            np.asarray(packed["quaternion_wxyz"], dtype=np.float64),
-        )
+    ratios = tensor_ratios(body.inertia)
+    mean = float(np.trace(body.inertia)) / 3.0
+    by_entry = (np.eye(6) - np.outer(ratios, [1 / 3] * 3 + [0.0] * 3)) / mean
+    return ratios, by_entry @ body.covariance[3:9, 3:9] @ by_entry.T, body.freedom[3:9]
 
 
 def analyse_tosses(tosses: Sequence[BodyMotion], progress: Progress = no_progress) -> CubeAnswer:
@@ -226,6 +173,7 @@ def analyse_tosses(tosses: Sequence[BodyMotion], progress: Progress = no_progres
         )
         shared = np.outer(by_width, by_width) + np.outer(by_metre, by_metre)
         found.append(_with_shared_errors(body, shared))
+    progress("rotation in flight", 5, PROGRESS_STEPS)
     slid = [
         float(np.linalg.norm(np.ptp(contact.motion.path_of(contact.corner)[:, :2], axis=0)))
         for contact in touching["edge contacts"]
@@ -236,6 +184,7 @@ def analyse_tosses(tosses: Sequence[BodyMotion], progress: Progress = no_progres
         tosses=len(motions),
         frames=sum(len(motion) for motion in motions),
         flight=true_flight,
+        rotation=fit_rotations(flown),
         edges=found[0],
         corners=found[1],
         slides_m=(low, middle, high),

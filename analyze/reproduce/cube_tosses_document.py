@@ -10,7 +10,7 @@ import numpy as np
 from analyze.errors import EstimationError
 from analyze.least_squares.intervals import student_sigmas_95
 from analyze.motion.moment_balance import tensor
-from analyze.reproduce.cube_tosses import GRAVITY_M_S2
+from analyze.reproduce.cube_tosses import GRAVITY_M_S2, contact_ratios
 
 if TYPE_CHECKING:
     from analyze.motion.moment_balance import BalancedBody
@@ -23,13 +23,17 @@ def answer_json(answer: CubeAnswer) -> dict[str, Any]:
 
     The methods are free flight, contact at an edge and contact at a corner; the difference of edge contact
     and flight is added. An interval is the value ± its half-width by Student's t. Lengths are in true metres
-    and the cube's frame; only `gravity` is in the file's unit of length per s^2. Flight does not determine
-    the inertia: its entry is None.
+    and the cube's frame; only `gravity` is in the file's unit of length per s^2. Flight determines the
+    inertia up to its factor: `inertia_ratios` is the tensor over the mean of its diagonal.
     """
 
     def quantity(value: Array, sd: Array, half: Array, unit: str) -> dict[str, Any]:
         interval = [(value - half).tolist(), (value + half).tolist()]
         return {"value": value.tolist(), "sd": sd.tolist(), "unit": unit, "interval95": interval}
+
+    def ratios(values: Array, covariance: Array, freedom: Array) -> dict[str, Any]:
+        sd = np.sqrt(np.diag(covariance))
+        return quantity(tensor(values), tensor(sd), tensor(student_sigmas_95(freedom) * sd), "1")
 
     def balanced(body: BalancedBody) -> dict[str, Any]:
         half = body.half_width
@@ -38,12 +42,13 @@ def answer_json(answer: CubeAnswer) -> dict[str, Any]:
             "contacts": body.contacts,
             "centre_of_mass": quantity(body.com, body.com_sd, half[:3], "m"),
             "inertia_per_mass": quantity(body.inertia, body.inertia_sd, tensor(half[3:9]), "m^2"),
+            "inertia_ratios": ratios(*contact_ratios(body)),
             "edge_rounding": quantity(rounding, rounding_sd, half[9], "m"),
             "explained": body.explained,
         }
 
     difference, covariance = answer.edge_minus_flight
-    flight = answer.flight
+    flight, rotation = answer.flight, answer.rotation
     sd = np.sqrt(np.diag(covariance))
     gravity, gravity_sd = np.array(flight.gravity), np.array(flight.gravity_sd)
     return {
@@ -58,6 +63,8 @@ def answer_json(answer: CubeAnswer) -> dict[str, Any]:
             },
             "residual_m": flight.residual,
             "inertia_per_mass": None,
+            "inertia_ratios": ratios(rotation.ratios, rotation.covariance, rotation.freedom),
+            "residual_rad": rotation.residual,
         },
         "metre_of_the_file": answer.scale,
         "edge_contact": balanced(answer.edges),

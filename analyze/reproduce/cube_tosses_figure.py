@@ -12,7 +12,7 @@ from rich.table import Table
 from analyze.least_squares.intervals import SIGMAS_95, student_sigmas_95
 from analyze.report.plots import SIGMAS_95_2D
 from analyze.report.style import BLUE, GREEN, INK, MUTED, ORANGE, style
-from analyze.reproduce.cube_tosses import EDGE_M, GRAVITY_M_S2, MASS_KG, CubeAnswer
+from analyze.reproduce.cube_tosses import EDGE_M, GRAVITY_M_S2, MASS_KG, CubeAnswer, contact_ratios
 from analyze.reproduce.cube_tosses_document import distance_sd
 from schemas.terminal import Terminal
 from schemas.wording import counted
@@ -61,7 +61,21 @@ def render_cube(answer: CubeAnswer, console: Terminal | None = None) -> None:
         moments = [
             _interval(1e3 * body.inertia[axis, axis], 1e3 * body.half_width[3 + axis]) for body in touching
         ]
-        table.add_row(f"I_c/m about {name}, 10⁻³ m²", "not observable", *moments, end_section=axis == 2)
+        table.add_row(f"I_c/m about {name}, 10⁻³ m²", "", *moments, end_section=axis == 2)
+    found = [
+        (answer.rotation.ratios, answer.rotation.covariance, answer.rotation.freedom),
+        *map(contact_ratios, touching),
+    ]
+    for entry, name in enumerate(("x", "y", "z")):
+        shares = [
+            _interval(
+                ratios[entry],
+                float(student_sigmas_95(freedom)[entry] * np.sqrt(covariance[entry, entry])),
+                3,
+            )
+            for ratios, covariance, freedom in found
+        ]
+        table.add_row(f"I_c about {name} over their mean", *shares, end_section=entry == 2)
     table.add_row(
         "radius of the edges, mm",
         "",

@@ -31,9 +31,10 @@ def cube_tosses(data: Path | None, plot: Path | None, as_json: bool) -> None:
     """
     from analyze.progress import ProgressBar
     from analyze.report.style import write_figure
-    from analyze.reproduce.cube_tosses import DEFAULT_DATA, analyse_tosses, read_tosses
+    from analyze.reproduce.cube_tosses import analyse_tosses
     from analyze.reproduce.cube_tosses_document import answer_json
     from analyze.reproduce.cube_tosses_figure import cube_figure, render_cube
+    from analyze.reproduce.cube_tosses_file import DEFAULT_DATA, read_tosses
 
     source = data or DEFAULT_DATA
     refuse_outputs([plot], inputs=[source])

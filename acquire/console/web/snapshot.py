@@ -5,22 +5,10 @@ from __future__ import annotations
 from typing import Any, Literal
 
 from schemas.document import Document
+from schemas.session_status import SessionPhase
 
 Role = Literal["operator", "watcher"]
 """operator: may give all orders; watcher: may look, and stop the striker"""
-SessionPhase = Literal[
-    "idle",
-    "placing",
-    "checking_pose",
-    "arming",
-    "striking",
-    "recording",
-    "judging",
-    "paused",
-    "finished",
-    "aborted",
-]
-"""state of a session, in lower case as in the recording; "paused" before the next arming"""
 Mark = Literal["pass", "warn", "fail", "skip"]
 """outcome of a check"""
 

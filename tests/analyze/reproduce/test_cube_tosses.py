@@ -18,12 +18,11 @@ from analyze.motion.moment_balance import BalancedBody, balance_moments
 from analyze.reproduce.cube_tosses import (
     AIR_DRAG,
     GRAVITY_M_S2,
-    MAX_UNPACKED_BYTES,
     ROUNDING_M,
     edge_contacts,
     flights,
-    read_tosses,
 )
+from analyze.reproduce.cube_tosses_file import MAX_UNPACKED_BYTES, read_tosses
 from tests.analyze.motion.tossed_cube import EDGE, MASS, Cube, tossed
 from tests.places import ROOT
 
