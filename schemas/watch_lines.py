@@ -196,6 +196,14 @@ class StrikeForecastRange(Document):
     most: int
 
 
+class MarkerSide(Document):
+    """Marker on the object: its name, its centre (3,) [m] and the direction (3,) that it faces, in O."""
+
+    id: MarkerName
+    place_m: list[float]
+    faces: list[float]
+
+
 class SessionEstimate(Document):
     """Answer so far of a session, and the next strike: the answer of `analyze advise` to an AdviceRequest.
 
@@ -231,5 +239,7 @@ class SessionEstimate(Document):
     """null if the session is to end"""
     bounds_m: list[list[float]] = Field(default_factory=list[list[float]])
     """(2, 3) lower and upper corner of the object's bounding box"""
+    markers: list[MarkerSide] = Field(default_factory=list["MarkerSide"])
+    """the object's markers whose place is known"""
     hull: list[list[list[float]]] = Field(default_factory=list[list[list[float]]])
     """outlines of the object's hull seen along x, y and z: points (n, 2) [m] in (y, z), (x, z) and (x, y)"""

@@ -65,7 +65,7 @@ class Daemon:
             config, rig_toml, self._capture, self._clock, self._on_watch, self._complain
         )
         self._control = StrikerControl(self._make_striker(), self._recording.require_space)
-        self._prompts = Prompts(self._publish)
+        self._prompts = Prompts(self._publish, lambda: self._control.stopped)
         self._adviser = Adviser(lambda estimate: self._publish("estimate", estimate.model_dump(mode="json")))
         self._attendance = Attendance(self._publish, lambda: self._control.stopped)
         self._board = SessionBoard(self._publish)

@@ -14,16 +14,22 @@ ORDERS = ("placed", "skip", "again", "harder")
 """orders with the answer to a question to place the object: strike it; leave this strike out; repeat the
 strike judged last; strike harder at the next attempt of this strike (then the question is asked again)"""
 
+STOPPED = {"ok": False, "text": "stopped on request"}
+"""answer to every question after a stop"""
+
 
 class Prompts:
     """Open questions to the person at the rig, by number.
 
     Args:
         publish: function that sends an event (name, data) to all clients that subscribed to events.
+        stopped: function that returns True while a stop forbids motion: no question is asked then.
     """
 
-    def __init__(self, publish: Callable[[str, dict[str, Any]], None]) -> None:
-        self._publish = publish
+    def __init__(
+        self, publish: Callable[[str, dict[str, Any]], None], stopped: Callable[[], bool] = lambda: False
+    ) -> None:
+        self._publish, self._stopped = publish, stopped
         self._numbers = itertools.count(1)
         self._questions: dict[int, dict[str, Any]] = {}
         """content of each question that waits for an answer, by its number"""
@@ -34,6 +40,8 @@ class Prompts:
 
     def ask(self, connection: Connection, params: dict[str, Any]) -> dict[str, Any]:
         """Publish a question as the event "prompt", wait for its answer and return that.
+
+        After a stop it is answered at once, as `stop` answers open questions.
 
         Args:
             connection: client that asks.
@@ -50,6 +58,8 @@ class Prompts:
             if not isinstance(params.get(key), str):
                 raise SessionError(f'a question needs "{key}", a text: {{"kind": "place", "text": "..."}}')
         with self._changed:
+            if self._stopped():
+                return dict(STOPPED)
             number = next(self._numbers)
             self._answers[number], self._questions[number] = None, {"prompt_id": number, **params}
         self._publish("prompt", self._questions[number])
@@ -104,7 +114,7 @@ class Prompts:
         """Answer every question that is still open with `ok` False and the text "stopped on request"."""
         with self._changed:
             for number, answer in self._answers.items():
-                self._answers[number] = answer or {"ok": False, "text": "stopped on request"}
+                self._answers[number] = answer or dict(STOPPED)
                 self._publish("answered", {"prompt_id": number, "ok": False})
             self._changed.notify_all()
 

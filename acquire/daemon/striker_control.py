@@ -149,11 +149,12 @@ class StrikerControl:
         """Stop the striker, and refuse all motion until a person starts again.
 
         Returns:
-            `{"state": name}`, the striker's state.
+            `{"state": name, "was": name}`, the striker's state, and the one in which the stop found it.
         """
         self.stops += 1  # first of all: every motion checks it before it starts
+        was = self.striker.state.value
         self.striker.stop()
-        return self._state()
+        return self._state() | {"was": was}
 
     def release(self) -> None:
         """Stop the striker, switch its torque off, and refuse all further orders that move it.

@@ -130,7 +130,8 @@ class AdaptiveOrder:
             estimate: answer of `analyze advise`; None if there was none.
         """
         if estimate is not None and estimate.target.met:
-            self.ending = f"{self.target} is reached after {counted(self.made, 'strike')}"
+            more = " and the earlier ones" if self.target.earlier else ""
+            self.ending = f"{self.target} is reached after {counted(self.made, 'strike')}{more}"
             return None
         failed = "" if estimate is None else self._failed_checks(estimate)
         self._doubted = self._doubted + 1 if failed else 0
@@ -162,9 +163,9 @@ class AdaptiveOrder:
         """First strike of the plan without a good verdict, where `analyze advise` does not answer."""
         for strike in self._plan.strikes:
             if strike.id not in self._good and strike.id not in self._excluded:
-                self.reason = "next of the plan: analyze advise did not answer"
+                self.reason = "next of the plan: the answer so far was not ready in time"
                 return strike
-        return self._give_up("every planned strike was made, and analyze advise did not answer")
+        return self._give_up("every planned strike was made, and no answer so far was ready in time")
 
     def _give_up(self, text: str) -> None:
         self.ending, self.missed = text, True

@@ -14,10 +14,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from acquire.clock.clock import SystemClock
 from acquire.config import read_rig
-from acquire.errors import ConfigError, StrikerRefused
-from acquire.striker.dynamixel import DynamixelStriker
+from acquire.errors import ConfigError
 from analyze.errors import PlanError
 from analyze.geometry.object_model import load_object_model
 from analyze.planning import view
@@ -57,13 +55,8 @@ def rig_file(path: Path, **sections: str) -> Path:
 
 
 def accepts(config: StrikerConfig, speed: float) -> bool:
-    """True if a striker of this configuration accepts a tip speed [m/s]; checked without a servo."""
-    striker = DynamixelStriker(config, lambda *_: None, lambda *_: None, lambda *_: None, SystemClock())
-    try:
-        striker._checked_velocity(speed)
-    except StrikerRefused:
-        return False
-    return True
+    """True if a striker of this configuration accepts a tip speed [m/s]."""
+    return not config.tip_speeds().problem(speed)
 
 
 def test_without_a_rig_file_plans_are_for_the_nominal_striker() -> None:

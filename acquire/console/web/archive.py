@@ -152,14 +152,16 @@ class Archive:
     def estimate(self, recording_id: str) -> dict[str, Any]:
         """Estimate a recording with `analyze estimate`, keep the result and return it.
 
-        Recordings that its session went on with are estimated with it.
+        Recordings that its session went on with are estimated with it. Another analysis is waited for.
 
         Raises:
             Refusal: there is no such recording, or it is not complete.
             AcquireError: another analysis runs, or this one failed.
         """
         path = self.finished(recording_id)
-        result = json.loads(self._analyses.run("estimate", *map(str, self.together(path)), "--json"))
+        result = json.loads(
+            self._analyses.run("estimate", *map(str, self.together(path)), "--json", wait=True)
+        )
         self._keep(path, result)
         return result
 
@@ -192,10 +194,7 @@ class Archive:
         return [path for _, path in sorted(found, reverse=True)[:MAX_FILES]]
 
     def _entry(self, path: Path) -> ArchiveEntry:
-        status = path.stat()
-        mark = (path, status.st_mtime_ns, status.st_size)
-        if (head := self._heads.get(mark)) is None:
-            head = self._heads[mark] = _read_head(path)
+        status, head = path.stat(), self._head(path)
         result = self._result(path)
         com = (result or {}).get("centre_of_mass") or {}
         return ArchiveEntry(
@@ -204,12 +203,20 @@ class Archive:
             object=head.object,
             date=head.date,
             strikes=head.strikes,
+            earlier_strikes=sum(self._head(each).strikes or 0 for each in self.together(path)[:-1]),
             com_mm=_millimetres(com.get("value")),
             com_sd_mm=_millimetres(com.get("sd")),
             flags=_flags(head, result),
             size_bytes=status.st_size,
             complete=head.complete,
         )
+
+    def _head(self, path: Path) -> _Head:
+        status = path.stat()
+        mark = (path, status.st_mtime_ns, status.st_size)
+        if (head := self._heads.get(mark)) is None:
+            head = self._heads[mark] = _read_head(path)
+        return head
 
     def _keep(self, path: Path, result: dict[str, Any]) -> None:
         self._results.mkdir(parents=True, exist_ok=True)

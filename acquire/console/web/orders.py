@@ -71,9 +71,10 @@ class Done(Document):
 
 
 class StopDone(Document):
-    """Answer to a stop: the striker's state afterwards, and the time the daemon took [ms]."""
+    """Answer to a stop: the striker's state afterwards and before, and the time the daemon took [ms]."""
 
     state: str
+    was: str
     latency_ms: float
 
 
@@ -102,6 +103,8 @@ class ArchiveEntry(Document):
     object: str
     date: str
     strikes: int | None
+    earlier_strikes: int
+    """strikes in the recordings with which its session went on"""
     com_mm: list[float] | None
     com_sd_mm: list[float] | None
     flags: list[str]

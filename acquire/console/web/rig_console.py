@@ -31,6 +31,8 @@ SLOW_S: Final = 2.0
 """interval between two looks at folders and disk [s]"""
 BEGIN_S: Final = 60.0
 """longest wait for a started session to open its recording [s]"""
+END_S: Final = 20.0
+"""longest wait for a stopped session to close its recording [s]"""
 STOP_PATIENCE_S: Final = 2.0
 MARKS: Final = {"pass": "pass", "fail": "fail", "not checked": "skip"}
 """marks of the outcomes that `acquire check` reports"""
@@ -66,6 +68,7 @@ class RigConsole:
         self._check: CheckRun | None = None
         self._check_view = CheckView(running=False, passed=None, lines=[])
         self._latency_ms: float | None = None
+        self._stopped_while = ""
         self._free_bytes = 0
         self._moved_s = math.inf
         self._closed = threading.Event()
@@ -107,7 +110,12 @@ class RigConsole:
             prompt=view.prompt_view(report, time.monotonic() - self._moved_s),
             armed=view.armed_view(report),
             estimate=report.estimate,
-            stop=StopView(stopped=stopped, text=refusal if stopped else "", latency_ms=self._latency_ms),
+            stop=StopView(
+                stopped=stopped,
+                text=refusal if stopped else "",
+                latency_ms=self._latency_ms,
+                was=self._stopped_while,
+            ),
         )
 
     def _daemon_view(self, status: dict[str, Any] | None) -> DaemonView:
@@ -143,15 +151,25 @@ class RigConsole:
         began_s = time.perf_counter()
         try:
             with DaemonClient(self._link.socket, STOP_PATIENCE_S) as client:
-                state = client.call("striker.stop")["state"]
+                answer = client.call("striker.stop")
         except DaemonSilent as error:
             raise DaemonSilent(f"NOT STOPPED: if the arm moves, cut the motor's power: {error}") from None
         self._latency_ms = round(1e3 * (time.perf_counter() - began_s), 2)
-        return StopDone(state=str(state), latency_ms=self._latency_ms)
+        self._stopped_while = str(answer["was"])
+        return StopDone(state=str(answer["state"]), was=self._stopped_while, latency_ms=self._latency_ms)
 
     def clear_stop(self) -> None:
-        """Home the striker again after a stop."""
+        """Home the striker again after a stop, once the session that it ended has closed its recording.
+
+        Raises:
+            Refusal: that session is still ending.
+        """
+        _wait(
+            lambda: self._link.report.status is None or self._link.report.status["recording"] is None, END_S
+        )
         status = self._link.call("status")
+        if status["recording"] is not None:
+            raise Refusal(409, "SessionOpen", "the session is still ending", "wait for its end, then home")
         self._link.call("striker.home", stops_seen=status["stops"])
 
     def start_daemon(self) -> None:

@@ -169,6 +169,8 @@ class StopView(Document):
     stopped: bool
     text: str
     latency_ms: float | None
+    was: str
+    """state of the striker in which the console's last stop found it; empty before the first"""
 
 
 class Snapshot(Document):

@@ -42,6 +42,7 @@ from analyze.types import TENSOR_ENTRIES
 from schemas.edge_names import edge_names
 from schemas.watch_lines import (
     AdviceRequest,
+    MarkerSide,
     NextStrike,
     SessionCheck,
     SessionEstimate,
@@ -120,6 +121,7 @@ class Adviser:
             else NextStrike(strike_id=choice.strike.id, reason=choice.reason),
             bounds_m=np.array(self._struck.model.bounds).tolist(),
             hull=self._outlines,
+            markers=self._sides,
             **_numbers(solved),
         )
 
@@ -142,6 +144,16 @@ class Adviser:
     def _problem(self, evidence: Evidence) -> tuple[SystematicErrors, ComPrior, MomentModel]:
         moments = MomentModel(stated_scale(evidence), self._shape_prior)
         return systematic_errors(evidence), ComPrior.from_bounds(*evidence.model.bounds), moments
+
+    @cached_property
+    def _sides(self) -> list[MarkerSide]:
+        """Centre [m] and direction of each marker whose place is known."""
+        placed = [(each.id, each.T_object_marker) for each in self._markers]
+        return [
+            MarkerSide(id=name, place_m=T[:3, 3].round(5).tolist(), faces=T[:3, 2].round(4).tolist())
+            for name, T in placed
+            if T is not None
+        ]
 
     @cached_property
     def _shape_prior(self):

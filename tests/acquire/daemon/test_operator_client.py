@@ -27,7 +27,8 @@ class Rig:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.prompts = Prompts(self.publish)
+        self.stopped = False
+        self.prompts = Prompts(self.publish, lambda: self.stopped)
         handlers = {"prompt.answer": self.prompts.answer, "prompt": self.prompts.ask}
         self.server = ApiServer(path, handlers, greet=self.prompts.repeat)
         self.answers: list[dict[str, Any]] = []
@@ -103,6 +104,13 @@ def test_who_subscribes_late_or_again_gets_the_open_prompt_once(rig: Rig) -> Non
         thread.join(10.0)
     operator.close()
     assert len(rig.answers) == 2
+
+
+def test_after_a_stop_nobody_is_asked(rig: Rig) -> None:
+    """A stop between two questions ends the session as one during a question does."""
+    rig.stopped = True
+    rig.ask("place it").join(5.0)
+    assert rig.answers == [{"ok": False, "text": "stopped on request"}]
 
 
 def test_the_events_end_with_the_daemon(tmp_path: Path) -> None:

@@ -51,7 +51,7 @@ class SampleBackend:
     def stop(self) -> StopDone:
         self.orders.append("stop")
         self.state = "stopped"
-        return StopDone(state="disarmed", latency_ms=7.4)
+        return StopDone(state="disarmed", was="homed", latency_ms=7.4)
 
     def clear_stop(self) -> None:
         self.orders.append("clear")
@@ -107,6 +107,7 @@ class SampleBackend:
                 com_mm=None if i == 3 else [31.2, 41.8 + 0.1 * i, 65.5],
                 com_sd_mm=None if i == 3 else [0.3, 0.5, 0.4],
                 flags=["not finished"] if i == 3 else ["checks failed"] if i == 2 else [],
+                earlier_strikes=3 if i == 1 else 0,
                 size_bytes=1_100_000_000 - 90_000_000 * i,
                 complete=i != 3,
             )

@@ -178,7 +178,7 @@ def _base() -> dict[str, Any]:
         "prompt": None,
         "armed": None,
         "estimate": None,
-        "stop": {"stopped": False, "text": "", "latency_ms": None},
+        "stop": {"stopped": False, "text": "", "latency_ms": None, "was": ""},
     }
 
 
@@ -240,12 +240,12 @@ def _changes() -> dict[str, dict[str, Any]]:
         "aborted": {
             "session": session("aborted", 2, text="stopped on request"),
             "striker": striker("disarmed", "stopped on request", torque=False),
-            "stop": {"stopped": True, "text": "stopped on request", "latency_ms": 7.4},
+            "stop": {"stopped": True, "text": "stopped on request", "latency_ms": 7.4, "was": "settled"},
             "estimate": estimate(2),
         },
         "stopped": {
             "striker": striker("disarmed", "stopped on request", torque=False),
-            "stop": {"stopped": True, "text": "stopped on request", "latency_ms": 7.4},
+            "stop": {"stopped": True, "text": "stopped on request", "latency_ms": 7.4, "was": "settled"},
         },
         "watcher": {
             "role": "watcher",

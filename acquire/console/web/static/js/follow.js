@@ -79,6 +79,9 @@ function placeSign(prompt) {
   return { word: "PLACE", tone: "accent", text: prompt.text };
 }
 
+/** States of the striker from the swing to its end. */
+const SWINGING = ["released", "contact", "catch", "verify", "miss"];
+
 function armedSign(armed) {
   if (isNumber(armed?.countdown_s)) {
     const seconds = Math.ceil(armed.countdown_s);
@@ -95,6 +98,8 @@ function armedSign(armed) {
 export function signFor(snapshot, verdictIsNew) {
   const { session, prompt, armed, stop } = snapshot;
   if (stop?.stopped) return { word: "STOPPED", tone: "stop", text: "Arm braked and held by software." };
+  if (SWINGING.includes(snapshot.striker?.state))
+    return { word: "STRIKING", tone: "armed", text: "The arm swings and goes back. Keep clear." };
   if (armed || session?.state === "striking") return armedSign(armed);
   if (!session) return { word: "NO SESSION", tone: "idle", text: "Start one in Ready." };
   if (session.paused && prompt)
@@ -110,10 +115,13 @@ export function signFor(snapshot, verdictIsNew) {
   }
   if (prompt) return placeSign(prompt);
   const waits = {
-    idle: ["STARTING", "armed", "The arm moves to its start position. Keep clear."],
+    idle:
+      snapshot.striker?.state === "homed"
+        ? ["WAIT", "idle", "The first strike is being chosen."]
+        : ["STARTING", "armed", "The arm moves to its start position. Keep clear."],
     placing: ["WAIT", "idle", "The next placement follows."],
     checking_pose: ["HANDS OFF", "wait", "Checking the placement."],
-    arming: ["HANDS OFF", "wait", "The striker arms now."],
+    arming: ["ARMING", "armed", "The striker strikes after that. Step back."],
     recording: ["HANDS OFF", "wait", "The camera records until the object is at rest."],
     judging: ["HANDS OFF", "wait", "Judging the strike."],
   };
@@ -125,7 +133,7 @@ export function signFor(snapshot, verdictIsNew) {
 export function startObstacle(snapshot) {
   if (!snapshot.daemon?.running) return "Start the rig first.";
   if (isRunning(snapshot.session)) return "A session is running.";
-  if (snapshot.stop?.stopped) return "Home the striker first.";
+  if (snapshot.stop?.stopped || snapshot.striker?.state === "fault") return "Home the striker first.";
   if (snapshot.check?.running) return "The check is running.";
   return "";
 }

@@ -43,8 +43,8 @@ let session_id = null;
 let newest_key = null;
 let sign_word = "";
 let frame = 0;
-/** What an order that takes seconds does meanwhile; "" while there is none. */
-let doing = "";
+/** What an order that takes seconds does meanwhile, and the word of its sign if the arm moves; or null. */
+let doing = null;
 /** Trouble that the operator has read, as JSON; other trouble is shown again. */
 let dismissed = "";
 
@@ -54,11 +54,12 @@ const verdictIsNew = () => Date.now() < verdict_until_ms;
 /**
  * Send an order and show its refusal; returns the answer, or null if it was refused.
  *
- * `slow` is for orders that take seconds: `doing` is shown meanwhile, `timeout_ms` is the longest wait.
+ * `slow` is for orders that take seconds: its `text` is shown meanwhile, as a sign if it has a `word`;
+ * `timeout_ms` is the longest wait.
  */
 async function order(path, content = {}, slow = {}) {
   try {
-    doing = slow.doing ?? doing;
+    if (slow.text) doing = slow;
     redraw();
     const answer = await post(path, content, slow.timeout_ms);
     show(byId("refusal"), false);
@@ -70,7 +71,7 @@ async function order(path, content = {}, slow = {}) {
     show(byId("refusal"), true);
     return null;
   } finally {
-    if (slow.doing) doing = "";
+    if (slow.text) doing = null;
     redraw();
   }
 }
@@ -126,11 +127,13 @@ function applyFollow() {
 }
 
 function drawSign() {
-  const sign = link === "open" ? signFor(snapshot, verdictIsNew()) : NO_LINK;
+  const moves = doing?.word ? { word: doing.word, tone: "armed", text: doing.text } : null;
+  const sign = link === "open" ? (moves ?? signFor(snapshot, verdictIsNew())) : NO_LINK;
   const large = document.body.classList.contains("large");
   const stated = sign === NO_LINK || sign.word === "STOPPED" || !snapshot.session;
   const ended = view === "know" && !isRunning(snapshot?.session);
-  show(byId("sign"), large || ((["place", "strike"].includes(view) || ended) && !stated));
+  const followed = ["place", "strike"].includes(view) || ended;
+  show(byId("sign"), large || sign.tone === "armed" || (followed && !stated));
   byId("sign").dataset.tone = sign.tone;
   setText(byId("sign-word"), sign.word);
   setText(byId("sign-text"), sentence(sign.text));
@@ -147,8 +150,8 @@ function drawBanners() {
     setText(byId("link-title"), texts[0]);
     setText(byId("link-text"), texts[1]);
   }
-  show(byId("doing"), doing !== "");
-  setText(byId("doing-text"), doing);
+  show(byId("doing"), doing !== null && !doing.word);
+  setText(byId("doing-text"), doing?.text ?? "");
   const trouble = snapshot?.trouble ?? [];
   show(byId("trouble"), trouble.length > 0 && JSON.stringify(trouble) !== dismissed);
   rebuild(byId("trouble-list"), trouble, () => trouble.map((text) => make("li", {}, text)));
@@ -165,7 +168,7 @@ function currentAction() {
   const watching = snapshot.role === "operator" ? "" : "You are watching.";
   const stopped = snapshot.stop?.stopped && view !== "know" ? "Home the striker first." : "";
   if (isDialogOpen()) return { ...wanted, problem: "Close the dialog first." };
-  if (doing) return { ...wanted, problem: doing };
+  if (doing) return { ...wanted, problem: doing.text };
   return {
     ...wanted,
     problem: watching || (link === "open" ? "" : "No connection.") || stopped || wanted.problem,
@@ -205,7 +208,7 @@ function draw() {
   drawFrame();
   drawBanners();
   drawStatus(byId("status"), snapshot, link);
-  const stopped = drawStop(snapshot, mayOrder());
+  const stopped = drawStop(snapshot, mayOrder(), Boolean(doing?.word));
   document.body.classList.toggle("is-stopped", stopped);
   drawOperator(snapshot, link);
   if (snapshot) {

@@ -120,8 +120,20 @@ function axis(left, top, width, height, low, high, plane, unit) {
   return parts;
 }
 
+/** Names of the markers that face the viewer, at their places. */
+function markers(sides, along, plane, at) {
+  // The views along x and z are seen from their positive ends, the one along y from its negative end.
+  const towards = along === 1 ? -1 : 1;
+  return sides
+    .filter((each) => towards * each.faces[along] > 0.7)
+    .map((each) => {
+      const [x, y] = at(plane.map((axis) => each.place_m[axis]));
+      return svg("text", { class: "marker", x, y: y + 4, "text-anchor": "middle" }, `tag ${each.id}`);
+    });
+}
+
 /** One view; `estimates` from old to new, all with a centre of mass. */
-function view(along, hull, [low, high], estimates, unit) {
+function view(along, hull, [low, high], estimates, unit, sides) {
   const plane = VIEW_AXES[along];
   const spans = plane.map((each) => high[each] - low[each]);
   const [width, height] = spans.map((span) => span * unit);
@@ -141,6 +153,7 @@ function view(along, hull, [low, high], estimates, unit) {
   const parts = [
     svg("polygon", { class: "body", points: corners.join(" ") }),
     ...axis(LEFT, top, width, height, low, high, plane, unit),
+    ...markers(sides, along, plane, at),
   ];
   if (estimates.length > 0) {
     const centre = at(plane.map((each) => estimates.at(-1).com_m[each]));
@@ -154,7 +167,7 @@ function view(along, hull, [low, high], estimates, unit) {
       );
   }
   const [h, v] = plane.map((each) => AXIS_NAMES[each]);
-  const title = `${h} to the right, ${v} up [mm], seen along ${AXIS_NAMES[along]}`;
+  const title = `${h} to the right, ${v} up [mm], seen from ${["+x", "−y", "+z"][along]}`;
   const size = [
     LEFT + LONGEST + 2 * LENS_RADIUS + 34,
     Math.max(top + height + 32, top + height / 2 + LENS_RADIUS + 36),
@@ -170,5 +183,5 @@ export function outlineViews(history, newest) {
   if (!bounds) return [make("p", { class: "muted" }, "The outline of the object is not known.")];
   const longest = Math.max(...[0, 1, 2].map((each) => bounds[1][each] - bounds[0][each]), 1e-4);
   const known = history.filter((each) => each.com_m && each.com_covariance_m2).slice(-EARLIER - 1);
-  return [0, 1, 2].map((along) => view(along, newest.hull?.[along], bounds, known, LONGEST / longest));
+  return [0, 1, 2].map((along) => view(along, newest.hull?.[along], bounds, known, LONGEST / longest, newest.markers ?? []));
 }

@@ -64,6 +64,11 @@ def estimate(strikes_used: int, **more: Any) -> dict[str, Any]:
             "reason": "Tipping over the back edge tells most about z: ± 0.9 mm becomes ± 0.5 mm.",
         },
         "bounds_m": [[0.0, 0.0, 0.0], list(SIZE_M)],
+        "markers": [
+            {"id": 12, "place_m": [0.0, -0.06, 0.1], "faces": [0, -1, 0]},
+            {"id": 14, "place_m": [0.09, 0.05, 0.14], "faces": [1, 0, 0]},
+            {"id": 15, "place_m": [0.08, 0.06, 0.2], "faces": [0, 0, 1]},
+        ],
         "hull": [
             [[a * y, b * z] for a, b in side],
             [[a * x, b * z] for a, b in side],
@@ -122,6 +127,7 @@ def archive() -> list[dict[str, Any]]:
             "com_mm": com,
             "com_sd_mm": sd,
             "flags": flags,
+            "earlier_strikes": 3 if i == 1 else 0,
             "size_bytes": 312_000_000 + 77_000_000 * i,
             "complete": complete,
         }

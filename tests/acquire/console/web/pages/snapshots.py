@@ -87,7 +87,7 @@ def base() -> Snapshot:
         "prompt": None,
         "armed": None,
         "estimate": None,
-        "stop": {"stopped": False, "text": "", "latency_ms": None},
+        "stop": {"stopped": False, "text": "", "latency_ms": None, "was": ""},
     }
 
 
@@ -313,8 +313,36 @@ def states() -> dict[str, tuple[str, list[Snapshot]]]:
             [
                 _with(
                     session=session("paused", "", 4, paused="stopped by the operator"),
-                    stop={"stopped": True, "text": "The operator pressed stop.", "latency_ms": 7.4},
+                    stop={
+                        "stopped": True,
+                        "text": "The operator pressed stop.",
+                        "latency_ms": 7.4,
+                        "was": "released",
+                    },
                     striker={"state": "stopped", "text": "", "torque": False},
+                )
+            ],
+        ),
+        "fault": (
+            "ready",
+            [
+                _with(
+                    session=session("finished", "", 3),
+                    striker={
+                        "state": "fault",
+                        "text": "the servo no longer answers: check its cable and supply",
+                        "torque": False,
+                    },
+                )
+            ],
+        ),
+        "striking": (
+            "strike",
+            [
+                _with(
+                    session=session("striking", "", 3),
+                    striker={"state": "released", "text": "", "torque": True},
+                    **running,
                 )
             ],
         ),

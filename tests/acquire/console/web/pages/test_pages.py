@@ -193,6 +193,36 @@ def test_orders_that_take_seconds_say_so(page, server):
     page.wait_for_selector("#doing", state="hidden")
 
 
+def test_while_this_page_moves_the_arm_it_warns_and_stop_is_ready(page, server):
+    show_state(page, server, "stopped")
+    page.click("nav [data-view=archive]")
+    assert "may have been hit" in page.inner_text("#stopped-text")
+    server.slow_s = 0.8
+    page.click("#home")
+    page.click("#confirm-yes")
+    page.locator("#sign-word", has_text="HOMING").wait_for()
+    assert page.inner_text("#stop-keys") == "Esc or Space"
+    page.locator("#stop-keys", has_text="stopped").wait_for()
+
+
+def test_the_armed_sign_is_in_every_view(page, server):
+    show_state(page, server, "armed")
+    for view in ("ready", "know", "archive"):
+        page.click(f"nav [data-view={view}]")
+        assert page.locator("#sign").is_visible()
+        assert page.inner_text("#sign-word").startswith("ARMING")
+
+
+def test_a_fault_of_the_striker_is_an_alarm(page, server):
+    show_state(page, server, "fault")
+    assert "STRIKER FAULT" in page.inner_text("#stopped")
+    assert page.locator("#action").is_disabled()
+    page.click("#home")
+    page.click("#confirm-yes")
+    page.wait_for_timeout(150)
+    assert server.orders == [("/api/stop/clear", {"confirm": True})]
+
+
 def test_the_next_placement_answers_harder(page, server):
     show_state(page, server, "again")
     faster = prompt(id=8, hint="The next strike is 15 % faster")
@@ -215,6 +245,9 @@ def test_orders_of_the_strike_view(page, server):
     show_state(page, server, "again")
     for button in ("again", "harder", "skip"):
         page.click(f"#order-{button}")
+    page.wait_for_timeout(150)
+    assert len(server.orders) == 2
+    page.click("#confirm-yes")  # a strike that is left out does not come back
     page.click("#order-pause")
     page.wait_for_timeout(150)
     orders = [content.get("order") for path, content in server.orders if path == "/api/prompt/answer"]

@@ -92,7 +92,7 @@ function row(entry, mayOrder) {
   );
   setDisabled(again, !mayOrder || busy.has(entry.id));
   again.addEventListener("click", () => estimate(entry.id));
-  const flags = [...(entry.complete ? [] : ["incomplete"]), ...(entry.flags ?? [])];
+  const flags = entry.flags ?? [];
   return make(
     "tr",
     { class: box.checked ? "chosen" : null },
@@ -108,6 +108,7 @@ function row(entry, mayOrder) {
       "td",
       { class: "n count", "data-label": "Strikes" },
       isNumber(entry.strikes) ? String(entry.strikes) : "–",
+      entry.earlier_strikes > 0 ? make("small", { class: "muted" }, ` + ${entry.earlier_strikes}`) : "",
     ),
     make("td", { class: "n coms", "data-label": "Centre of mass [mm] ± 95 %" }, ...comCells(entry)),
     make(
@@ -202,7 +203,6 @@ const textOf = (entry) =>
     entry.date,
     dateTime(entry.date),
     entry.file,
-    entry.complete ? "" : "incomplete",
     ...(entry.flags ?? []),
   ]
     .join(" ")

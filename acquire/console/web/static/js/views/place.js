@@ -1,6 +1,7 @@
 /** View Place: placement card beside the live image with the wanted outline, and the measured offset. */
 
 import { byId, make, rebuild, setAttribute, setDisabled, setText, show, svg } from "../dom.js";
+import { confirm } from "../dialogs.js";
 import { AXIS_NAMES } from "../ellipse.js";
 import { isRunning } from "../follow.js";
 import { isNumber, sentence, signed } from "../format.js";
@@ -21,7 +22,7 @@ let newest = null;
 export function connect(context) {
   page = context;
   preview = new Preview(byId("place-image"), byId("place-frame"), byId("place-absent"));
-  byId("place-skip").addEventListener("click", () => answer("skip"));
+  byId("place-skip").addEventListener("click", skip);
   byId("place-pause").addEventListener("click", () => pauseOrResume("now"));
   byId("card").addEventListener("error", () => {
     setTimeout(() => {
@@ -38,6 +39,17 @@ export function answer(order) {
   return Promise.resolve(null);
 }
 
+/** Leave the strike out, after a question. */
+export function skip() {
+  const id = page.latest()?.prompt?.id;
+  confirm(
+    "Leave this strike out?",
+    "The session goes on with another one, and does not come back to it.",
+    "Leave it out",
+    () => page.latest()?.prompt?.id === id && answer("skip"),
+  );
+}
+
 /** Pause the session, or let it go on if a pause is requested or in force. */
 export function pauseOrResume(when) {
   if (page.latest()?.session?.paused) return page.order("/api/session/resume");
@@ -49,6 +61,7 @@ export function action(snapshot) {
   const { session, prompt } = snapshot;
   if (session?.paused)
     return { label: "Resume", problem: "", run: () => page.order("/api/session/resume") };
+  if (session && !isRunning(session)) return { label: "Show the answer", problem: "", run: page.follow };
   const label = !prompt || prompt.kind === "place" ? "Placed" : "Done";
   return { label, problem: prompt ? "" : "Nothing is to be placed now.", run: () => answer("placed") };
 }

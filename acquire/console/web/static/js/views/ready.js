@@ -9,9 +9,10 @@ import { connectHistogram, drawAids } from "./aids.js";
 import { checkItems, quiet, summary, urgent } from "./checks.js";
 
 const LEAST_REASON = 3;
-const RIG_STARTS = { doing: "The rig starts: camera and striker are opened.", timeout_ms: 60000 };
+const RIG_STARTS = { text: "The rig starts: camera and striker are opened.", timeout_ms: 60000 };
 const SESSION_STARTS = {
-  doing: "The session starts. Then the arm moves to its start position: keep clear.",
+  word: "STARTING",
+  text: "The arm moves to its start position. Keep clear.",
   timeout_ms: 90000,
 };
 /** Width of the window [px] from which the checks that passed are unfolded at first. */
@@ -150,6 +151,9 @@ function options(select, entries, placeholder) {
   if (entries.some(([id]) => id === chosen)) select.value = chosen;
 }
 
+const strikesText = ({ strikes, earlier_strikes: earlier }) =>
+  `${counted(strikes, "strike")}${earlier > 0 ? ` + ${earlier} earlier` : ""}`;
+
 /** Load the recordings to go on with, as finished meanwhile as well. */
 async function loadEarlier(key) {
   earlierFor = key;
@@ -165,7 +169,7 @@ function drawEarlier(snapshot) {
   const fitting = earlier.filter((each) => each.complete && each.object === name).slice(0, MAX_EARLIER);
   const entries = fitting.map((each) => [
     each.id,
-    `${each.file} (${counted(each.strikes, "strike")}, ${dateTime(each.date)})`,
+    `${each.file} (${strikesText(each)}, ${dateTime(each.date)})`,
   ]);
   options(byId("resume"), [["", NEW_SESSION], ...entries], NEW_SESSION);
 }
@@ -224,7 +228,7 @@ function drawFacts(snapshot) {
     [
       "Frames lost",
       camera
-        ? `${camera.lost} of ${camera.frames} since the rig started; a strike that lacks images says so`
+        ? `${camera.lost} of ${camera.frames} since the rig started; the report names the strikes that lack images`
         : "–",
     ],
     ["Disk", disk ? `${bytes(disk.free_bytes)} free, ${minutes(disk.minutes_left)}` : "–"],

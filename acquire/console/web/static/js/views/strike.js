@@ -13,7 +13,7 @@ import {
 } from "../follow.js";
 import { fixed, isNumber, sentence } from "../format.js";
 import { get } from "../orders.js";
-import { answer, pauseOrResume } from "./place.js";
+import { answer, pauseOrResume, skip } from "./place.js";
 
 let page;
 /** Strike whose curve is shown; null for the newest. */
@@ -23,8 +23,9 @@ const curves = new Map();
 /** Connect the view's controls. */
 export function connect(context) {
   page = context;
-  for (const order of ["again", "harder", "skip"])
+  for (const order of ["again", "harder"])
     byId(`order-${order}`).addEventListener("click", () => answer(order));
+  byId("order-skip").addEventListener("click", skip);
   byId("order-pause").addEventListener("click", () => pauseOrResume("after_strike"));
   byId("order-abort").addEventListener("click", () =>
     confirm(
@@ -41,7 +42,8 @@ export function action(snapshot) {
   if (snapshot.session?.paused)
     return { label: "Resume", problem: "", run: () => page.order("/api/session/resume") };
   if (snapshot.prompt) return { label: "Place the object", problem: "", run: page.follow };
-  return null;
+  if (!snapshot.session || isRunning(snapshot.session)) return null;
+  return { label: "Show the answer", problem: "", run: page.follow };
 }
 
 /** Curve of a strike: the data, null while it is loaded, or undefined if there is none. */
