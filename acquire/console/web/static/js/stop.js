@@ -89,7 +89,7 @@ export function drawStop(snapshot, mayOrder, moves) {
   show(byId("home"), stopped || fault);
   setDisabled(byId("home"), !mayOrder, "Only the operator may home the striker.");
   byId("stopped").classList.toggle("alarm", failed);
-  show(byId("stopped-switch"), !failed);
+  show(byId("stopped-switch"), stopped);
   if (failed) {
     setText(byId("stopped-title"), NOT_CONFIRMED);
     setText(byId("stopped-text"), USE_SWITCH);
