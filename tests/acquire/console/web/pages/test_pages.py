@@ -10,7 +10,14 @@ import pytest
 from tests.acquire.console.web.pages.page_rules import FOCUS_ORDER, RULES, STOP
 from tests.acquire.console.web.pages.results import HOSTILE
 from tests.acquire.console.web.pages.sample_console import SampleConsole, sample_console
-from tests.acquire.console.web.pages.screenshots import MOMENTS, SCHEMES, SIZES, show_state
+from tests.acquire.console.web.pages.screenshots import (
+    COUNT_SNAPSHOTS,
+    MOMENTS,
+    SCHEMES,
+    SIZES,
+    show_state,
+    wait_until_drawn,
+)
 from tests.acquire.console.web.pages.snapshots import base, prompt, session, states
 
 if TYPE_CHECKING:
@@ -31,6 +38,7 @@ def page(chromium: Browser, server: SampleConsole) -> Iterator[Page]:
     server.orders.clear()
     server.stop_fails = server.silent = False
     opened = chromium.new_page(viewport={"width": 1440, "height": 900})
+    opened.add_init_script(COUNT_SNAPSHOTS)
     problems: list[str] = []
     opened.on("pageerror", lambda error: problems.append(str(error)))
     opened.on("console", lambda line: problems.append(line.text) if "Content Security" in line.text else None)
@@ -56,7 +64,7 @@ def test_every_state_keeps_the_rules(page, server, width, scheme):
     page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
     broken = {}
     for name in (*states(), *MOMENTS):
-        show_state(page, server, name, settle_ms=250)
+        show_state(page, server, name)
         for rule, script in RULES.items():
             if found := page.evaluate(script):
                 broken[name, rule] = found
@@ -254,7 +262,7 @@ def test_view_follows_the_session_unless_pinned(page, server):
 
 
 def test_pedal_leaves_a_verdict_and_the_view_still_follows(page, server):
-    show_state(page, server, "again", settle_ms=200)
+    show_state(page, server, "again")
     assert page.inner_text("#sign-word") == "AGAIN"
     page.keyboard.press("Enter")
     page.wait_for_selector("#view-place", state="visible")
