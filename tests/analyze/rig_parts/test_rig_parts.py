@@ -148,7 +148,8 @@ def test_the_guides_drawing_is_that_of_the_arm() -> None:
     assert texts[0] == texts[1]
 
 
-def test_the_command_takes_the_arm_of_the_rig_file(tmp_path: Path) -> None:
+def test_the_command_takes_the_arm_of_the_rig_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("analyze.rig_parts.all_parts.rig_prints", cache(rig_prints))  # both runs make the same parts
     rig = tmp_path / "rig.toml"
     striker = "[striker]\narm_length_m = 0.1\neffective_mass_kg = 0.15\n"
     rig.write_text(f'[camera]\naddress = "192.168.10.2"\n{CALIBRATION}{striker}', encoding="utf-8")
