@@ -61,7 +61,7 @@ def test_the_files_are_watertight_for_other_programs(name: str) -> None:
     assert len(triangles) == len(mesh.faces)
 
 
-@pytest.mark.parametrize("length_m", [0.06, 0.095, 0.12, 0.18])
+@pytest.mark.parametrize("length_m", [0.06, pytest.param(0.095, marks=pytest.mark.slow), 0.12, 0.18])
 def test_every_arm_can_be_printed_and_has_its_length(length_m: float) -> None:
     length = 1000 * length_m
     for each in prints(length_m).parts:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,6 @@ from tests.acquire.console.web.pages.screenshots import (
     SCHEMES,
     SIZES,
     show_state,
-    wait_until_drawn,
 )
 from tests.acquire.console.web.pages.snapshots import base, prompt, session, states
 
@@ -51,6 +51,14 @@ def _orders(server: SampleConsole, path: str) -> list[object]:
     return [content for asked, content in server.orders if asked == path]
 
 
+def _await_orders(page: Page, server: SampleConsole, count: int = 1) -> None:
+    """Wait until the page has sent this many orders, and for 100 ms more, in which it must not send another."""
+    end = time.monotonic() + 10
+    while len(server.orders) < count and time.monotonic() < end:
+        page.wait_for_timeout(10)
+    page.wait_for_timeout(100)
+
+
 @pytest.mark.parametrize(
     ("width", "scheme"),
     [
@@ -80,7 +88,7 @@ def test_keys_stop_in_every_view_without_a_question(page, server, key):
         page.click(f"nav [data-view={view}]")
         server.orders.clear()
         page.keyboard.press(key)
-        page.wait_for_timeout(150)
+        _await_orders(page, server)
         assert server.orders == [("/api/stop", {})]
 
 
@@ -89,7 +97,7 @@ def test_stop_acts_when_the_button_goes_down_and_once(page, server):
     box = page.locator("#stop").bounding_box()
     page.mouse.move(box["x"] + 20, box["y"] + 20)
     page.mouse.down()
-    page.wait_for_timeout(150)
+    _await_orders(page, server)
     assert _orders(server, "/api/stop") == [{}]
     page.mouse.up()
     page.wait_for_timeout(150)
@@ -101,7 +109,7 @@ def test_escape_closes_a_dialog_and_stops(page, server):
     page.keyboard.press("?")
     assert page.locator("#help").is_visible()
     page.keyboard.press("Escape")
-    page.wait_for_timeout(150)
+    _await_orders(page, server)
     assert page.locator("#help").is_hidden()
     assert _orders(server, "/api/stop") == [{}]
 
@@ -114,7 +122,7 @@ def test_space_is_a_character_in_a_text_field_but_escape_stops(page, server):
     assert page.input_value("#override") == "tag is dirty"
     assert not server.orders
     page.keyboard.press("Escape")
-    page.wait_for_timeout(150)
+    _await_orders(page, server)
     assert server.orders == [("/api/stop", {})]
 
 
@@ -135,7 +143,7 @@ def test_homing_again_asks_first(page, server):
     assert not server.orders
     page.click("#home")
     page.click("#confirm-yes")
-    page.wait_for_timeout(150)
+    _await_orders(page, server)
     assert server.orders == [("/api/stop/clear", {"confirm": True})]
 
 
@@ -144,7 +152,7 @@ def test_start_needs_a_passed_check_or_a_reason(page, server):
     assert page.locator("#action").is_disabled()
     page.fill("#override", "one tag is dirty")
     page.click("#action")
-    page.wait_for_timeout(150)
+    _await_orders(page, server)
     [order] = _orders(server, "/api/session/start")
     assert order == {
         "object_id": "o1",
@@ -159,7 +167,7 @@ def test_start_sends_target_and_number_of_strikes(page, server):
     page.check("input[value=until]")
     page.fill("#until-inertia", "2")
     page.keyboard.press("Enter")
-    page.wait_for_timeout(150)
+    _await_orders(page, server)
     [order] = _orders(server, "/api/session/start")
     assert order["until"] == "com=0.5mm,inertia=2%"
     assert order["max_strikes"] == 12
@@ -173,16 +181,17 @@ def test_pedal_answers_a_prompt_once_even_after_a_click_elsewhere(page, server):
     page.click("#sound")
     page.keyboard.press("Enter")
     page.keyboard.press("Enter")
-    page.wait_for_timeout(150)
+    _await_orders(page, server)
     assert server.orders == [("/api/prompt/answer", {"id": 7, "ok": True, "order": "placed"})]
 
 
 def test_orders_of_the_strike_view(page, server):
     show_state(page, server, "again")
-    for button in ("again", "harder", "skip"):
+    for count, button in enumerate(("again", "harder", "skip"), 1):
         page.click(f"#order-{button}")
+        _await_orders(page, server, count)  # each goes over a connection of its own
     page.click("#order-pause")
-    page.wait_for_timeout(150)
+    _await_orders(page, server, 4)
     orders = [content.get("order") for path, content in server.orders if path == "/api/prompt/answer"]
     assert orders == ["again", "harder", "skip"]
     assert _orders(server, "/api/session/pause") == [{"when": "after_strike"}]
@@ -196,7 +205,7 @@ def test_watchers_may_only_stop_and_take_over(page, server):
     page.click("#take")
     assert not server.orders
     page.click("#confirm-yes")
-    page.wait_for_timeout(150)
+    _await_orders(page, server)
     assert server.orders == [("/api/operator/take", {})]
 
 
@@ -305,5 +314,5 @@ def test_archive_is_filtered_and_two_recordings_are_compared(page, server):
     assert page.locator("#compare-rows tr").count() == 3
     assert "+0.29" in page.inner_text("#compare-rows")
     page.locator("#archive-rows button", has_text="Re-estimate").first.click()
-    page.wait_for_timeout(150)
+    _await_orders(page, server)
     assert _orders(server, "/api/archive/r0/estimate") == [{}]
