@@ -149,7 +149,8 @@ def test_the_guides_drawing_is_that_of_the_arm() -> None:
 
 
 def test_the_command_takes_the_arm_of_the_rig_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("analyze.rig_parts.all_parts.rig_prints", cache(rig_prints))  # both runs make the same parts
+    # Both runs make the same parts.
+    monkeypatch.setattr("analyze.rig_parts.all_parts.rig_prints", cache(rig_prints))
     rig = tmp_path / "rig.toml"
     striker = "[striker]\narm_length_m = 0.1\neffective_mass_kg = 0.15\n"
     rig.write_text(f'[camera]\naddress = "192.168.10.2"\n{CALIBRATION}{striker}', encoding="utf-8")

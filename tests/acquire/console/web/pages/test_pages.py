@@ -52,7 +52,7 @@ def _orders(server: SampleConsole, path: str) -> list[object]:
 
 
 def _await_orders(page: Page, server: SampleConsole, count: int = 1) -> None:
-    """Wait until the page has sent this many orders, and for 100 ms more, in which it must not send another."""
+    """Wait until the page has sent this many orders, and 100 ms more, in which no other may follow."""
     end = time.monotonic() + 10
     while len(server.orders) < count and time.monotonic() < end:
         page.wait_for_timeout(10)
