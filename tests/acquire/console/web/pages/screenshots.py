@@ -75,7 +75,7 @@ AT_REST = """() => new Promise(resolve => {
     };
     look();
 })"""
-"""promise that a page has not changed for 60 ms and shows all its pictures; kept after one second in any case"""
+"""promise that a page has not changed for 60 ms and shows its pictures, kept after a second in any case"""
 
 
 def show_state(page: Page, server: SampleConsole, name: str, settle_ms: int = 0) -> None:
