@@ -53,22 +53,17 @@ demo: setup  ## a whole session on the virtual rig, and its answer compared with
 	@$(BIN)/analyze replay $(DEMO_FILE) --save $(DEMO_FILE:.mcap=.rrd)
 	@echo "next: source $(BIN)/activate, then analyze and acquire are commands of this shell"
 
-# What keeps time with devices mostly waits for them; what only computes runs beside it, on what it leaves of the cores,
-# and gives way to it. Long files first (tests/conftest.py), lest one worker ends alone.
-COMPUTING := tests/analyze tests/attack tests/world tests/schemas tests/docs tests/test_architecture.py tests/test_source_rules.py
+# What only computes runs on all cores. What keeps time with devices mostly waits for them. Long files first (tests/conftest.py), lest one worker ends alone.
+PAGES := tests/acquire/console/web/pages
+COMPUTING := tests/analyze tests/attack tests/world tests/schemas tests/docs tests/test_architecture.py tests/test_source_rules.py $(PAGES)
 TIMED := tests/system tests/contracts tests/acquire
 
 # Where the environment forbids bytecode every worker compiles the tests anew and every program that a test starts itself: 40 s of CPU.
 test test-slow: export PYTHONDONTWRITEBYTECODE :=
 
-PYTEST := $(BIN)/python -m pytest --dist loadfile --no-loadscope-reorder --durations=12
-COMPUTED := $(VENV)/computing.txt
-
 test: setup $(VENV)/.browser  ## every test that needs no hardware
-	@nice -n 5 $(PYTEST) -n auto -o timeout=600 $(COMPUTING) > $(COMPUTED) 2>&1 & computing=$$!; \
-	trap 'kill -INT $$computing' INT TERM; \
-	$(PYTEST) -n 3 $(TIMED); timed=$$?; \
-	wait $$computing; computed=$$?; cat $(COMPUTED); exit $$((timed > computed ? timed : computed))
+	@$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations=12 $(COMPUTING)
+	@$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --durations=12 --ignore=$(PAGES) $(TIMED)
 
 test-slow: setup $(VENV)/.browser  ## the tests that take longer: faults, whole sessions
 	@$(BIN)/python -m pytest -m 'slow and not hardware'
