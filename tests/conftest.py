@@ -41,6 +41,7 @@ ATTEMPTS = 4
 
 
 LONGEST = (
+    "acquire/console/web/pages/",
     "analyze/reproduce/test_paper.py",
     "analyze/batch/test_run.py",
     "analyze/verbs/calibrate/test_calibrate_command.py",

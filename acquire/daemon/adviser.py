@@ -79,7 +79,7 @@ class Adviser:
             part: number of the file that is being written.
             strike_id: id of the newest attempt.
         """
-        self._informed += 1
+        self._informed -= 1  # never the number of a request by `ask`
         self._running((file, part)).send(AdviceRequest(number=self._informed, strike_id=strike_id))
 
     def close(self) -> None:

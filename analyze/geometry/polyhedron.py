@@ -187,27 +187,38 @@ def merged_solid(solids: Sequence[MassProperties]) -> MassProperties:
 def first_hit(vertices: Array, faces: IntArray, origin: Array, direction: Array) -> float:
     """Distance [m] to the first face that a ray meets, from either side; inf if it meets none.
 
-    Source: Moller and Trumbore 1997.
-
     Args:
         vertices: (n, 3) vertices [m].
         faces: (f, 3) faces.
         origin: (3,) start of the ray [m].
         direction: (3,) unit direction of the ray.
     """
-    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    return float(ray_distances(vertices[faces], origin, direction).min(initial=np.inf))
+
+
+def ray_distances(triangles: Array, origins: Array, directions: Array) -> Array:
+    """Distances (n,) [m] from a ray's origin to its triangle, from either side; inf where it misses it.
+
+    Source: Moller and Trumbore 1997.
+
+    Args:
+        triangles: (n, 3, 3) corners, one triangle per ray [m].
+        origins: (n, 3) starts of the rays, or (3,) one for all [m].
+        directions: (n, 3) unit directions, or (3,) one for all.
+    """
+    a, b, c = np.moveaxis(triangles, 1, 0)
     ab, ac = b - a, c - a
-    p = np.cross(direction, ac)
+    p = np.cross(directions, ac)
     determinant = np.einsum("ij,ij->i", ab, p)
     usable = np.abs(determinant) > 1e-15
     inverse = 1 / np.where(usable, determinant, 1.0)
-    t = origin - a
+    t = origins - a
     u = np.einsum("ij,ij->i", t, p) * inverse
     q = np.cross(t, ab)
-    v = (q @ direction) * inverse
+    v = (q * directions).sum(axis=1) * inverse
     distance = np.einsum("ij,ij->i", ac, q) * inverse
     hit = usable & (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9) & (distance > 0)
-    return float(distance[hit].min(initial=np.inf))
+    return np.where(hit, distance, np.inf)
 
 
 def inside(vertices: Array, faces: IntArray, points: Array) -> BoolArray:

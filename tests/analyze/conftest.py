@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
 
 import pytest
 from markupsafe import Markup
 
+from tests.analyze.coarse_regions import coarse_region_masses
 from tests.places import RECORDINGS
 
 
@@ -49,28 +49,15 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("analyze.report.report.figure_element", lambda _: Markup("<svg></svg>"))
 
 
-@contextmanager
-def _coarse_regions() -> Iterator[None]:
-    """Estimate region masses coarsely: they take half of an estimate.
-
-    Cells and random planes do not change the centre of mass, its moments or the checks of the strikes.
-    """
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("analyze.pipeline.solved.CELLS", 500)
-        patch.setattr("analyze.estimation.plane_chains.CHAINS", 50)
-        patch.setattr("analyze.estimation.plane_chains.RANDOM_SURFACES", 600)
-        yield
-
-
 @pytest.fixture(scope="module")
 def coarse_regions() -> Iterator[None]:
     """Estimate region masses coarsely in a whole file, for tests of anything else."""
-    with _coarse_regions():
+    with coarse_region_masses():
         yield
 
 
 @pytest.fixture
 def coarse_regions_here() -> Iterator[None]:
     """Estimate region masses coarsely in one test, where others of its file need them fine."""
-    with _coarse_regions():
+    with coarse_region_masses():
         yield

@@ -11,6 +11,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from schemas.terminal import PlainTextColumn, Terminal, styled
+from tests.source_tree import nodes_of
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = [path for name in ("acquire", "analyze", "schemas") for path in (ROOT / name).rglob("*.py")]
@@ -68,7 +69,7 @@ def test_only_one_module_makes_consoles_and_texts_of_rich() -> None:
     for path in SOURCES:
         if path == ROOT / "schemas/terminal.py":
             continue
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in nodes_of(path):
             if not isinstance(node, ast.ImportFrom | ast.Import):
                 continue
             module = getattr(node, "module", None)

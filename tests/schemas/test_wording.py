@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from schemas.wording import counted
+from tests.source_tree import nodes_of
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = [path for name in ("acquire", "analyze", "schemas") for path in (ROOT / name).rglob("*.py")]
@@ -44,7 +45,7 @@ def test_noun_and_verb_follow_the_number(number: int, words: tuple[str, ...], te
 def _uncounted(path: Path) -> list[str]:
     """Places of texts such as f"{number} strikes", which would read "1 strikes"."""
     found = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes_of(path):
         if not isinstance(node, ast.JoinedStr):
             continue
         for value, text in zip(node.values, node.values[1:], strict=False):

@@ -18,7 +18,7 @@ from tests.loopback import loopback
 from tests.system.fault_rig import FaultRig, fault_rig
 
 HANG_S = 210.0
-"""time after which a demo of four strikes counts as hung [s]: it takes 45 s on two idle cores, and repeats
+"""time after which a demo of three strikes counts as hung [s]: it takes 40 s on two idle cores, and repeats
 strikes that a busy machine spoilt"""
 
 
@@ -32,7 +32,7 @@ class Session:
 
 @pytest.fixture(scope="session")
 def session(tmp_path_factory) -> Session:
-    """Demo session of four strikes on the virtual object "carton" with seed 7, run once for all tests."""
+    """Demo session of three strikes on the virtual object "carton" with seed 7, run once for all tests."""
     path = tmp_path_factory.mktemp("session") / "carton.mcap"
     command = [
         "acquire",
@@ -42,7 +42,7 @@ def session(tmp_path_factory) -> Session:
         "--seed",
         "7",
         "--strikes",
-        "4",
+        "3",
         "--address",
         loopback(91),
         "-o",

@@ -97,8 +97,20 @@ def read_frames(camera: AravisCamera, attack: Callable[[Frame], None]) -> tuple[
     return lost, foreign
 
 
-@pytest.mark.parametrize("packets", [garbage, far_ahead, too_large, other_time, forged])
-@pytest.mark.parametrize("own_address", [False, True], ids=["other_address", "other_port"])
+PACKETS = (garbage, far_ahead, too_large, other_time, forged)
+OFTEN = {False: PACKETS, True: (garbage, forged)}
+"""packets of the short tests, by whether the stranger has the camera's address: what they hold is not read"""
+
+
+@pytest.mark.parametrize(
+    ("own_address", "packets"),
+    [
+        pytest.param(own, packets, marks=[pytest.mark.slow] * (packets not in OFTEN[own]))
+        for own in (False, True)
+        for packets in PACKETS
+    ],
+    ids=lambda each: {False: "other_address", True: "other_port"}[each] if isinstance(each, bool) else None,
+)
 def test_no_packet_of_a_stranger_is_used(pattern_camera, camera_config, packets, own_address: bool) -> None:
     address = loopback(71)
     config = camera_config(address, packet_size=PACKET_SIZE)

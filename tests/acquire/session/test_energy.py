@@ -145,7 +145,7 @@ def strike_and_learn(learner: EnergyLearner, strike: PlannedStrike, truth: Truth
 
 
 @pytest.mark.parametrize("known", [True, False])
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3, 4))])
 def test_every_axis_tips_within_three_strikes_and_then_stays_near_the_goal(seed, known):
     rng = np.random.default_rng(seed)
     truth = Truth(rng, restitution=float(rng.uniform(0.25, 0.55)), mass_kg=float(rng.uniform(0.12, 0.23)))

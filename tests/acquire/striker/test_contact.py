@@ -82,7 +82,7 @@ def swing(
     return samples, START_NS + int(t_contact * 1e9), START_NS + int(turned * 1e9)
 
 
-@pytest.mark.parametrize("filter_s", [0.0015, 0.0025, 0.004])
+@pytest.mark.parametrize("filter_s", [0.0015, pytest.param(0.0025, marks=pytest.mark.slow), 0.004])
 def test_first_contact_within_0_3_ms_and_sd_fits_the_errors(
     filter_s: float,
 ) -> None:

@@ -27,6 +27,9 @@ CLEARED = [
     {"PWM Limit": 100},
 ]
 
+BETWEEN = ("XM430-W350", "XH430-W210", "XM540-W150", "XL330-M288", "XC330-M288", "XC330-T181")
+"""models that differ from another one of their series, with the same units and limits, by the gear alone"""
+
 
 def fastest_rad_s(plant: Plant, since_ns: int) -> float:
     """Largest angular speed of the arm since a time [rad/s]."""
@@ -62,7 +65,9 @@ def test_an_old_firmware_is_refused_with_its_remedy(tmp_path: Path, heard: Heard
         striker.close()
 
 
-@pytest.mark.parametrize("model", SERVO_MODELS)
+@pytest.mark.parametrize(
+    "model", [pytest.param(name, marks=[pytest.mark.slow] * (name in BETWEEN)) for name in SERVO_MODELS]
+)
 def test_every_model_strikes(tmp_path: Path, heard: Heard, model: ModelName) -> None:
     with Plant(tmp_path, model=model) as plant:
         config = plant.config(current_limit_a=min(1.0, SERVO_MODELS[model].most_current_a))

@@ -16,6 +16,8 @@ from analyze.api import InertiaTensor
 from analyze.pipeline.estimate_recordings import estimate_recordings
 from tests.places import ROOT, SAMPLE
 
+pytestmark = pytest.mark.usefixtures("coarse_regions")
+
 
 @pytest.fixture(scope="module")
 def recording() -> analyze.Recording:

@@ -29,7 +29,7 @@ from analyze.cli import main
 from analyze.errors import ArchiveError
 from tests.broken_files import KINDS
 from tests.full_disk import full_disk
-from tests.quick_archive import body_of, quick_session
+from tests.quick_archive import body_of
 
 
 def todo(archive, output, **options):
@@ -221,6 +221,7 @@ def test_lines_that_are_no_entries_are_skipped(tmp_path):
     assert list(read_ledgers(tmp_path)) == ["a.mcap"]
 
 
+@pytest.mark.usefixtures("in_process", "coarse_regions_here")
 def test_ledger_with_an_unfinished_line_loses_only_that_line(archive, copied):
     ledger = copied / "ledger" / "all.jsonl"
     ledger.write_bytes(ledger.read_bytes()[:-30])
@@ -337,9 +338,9 @@ def test_query_can_read_the_tables_and_nothing_else(finished):
         assert "\n" not in str(caught.value)
 
 
-def test_a_full_disk_is_one_line_and_the_next_run_completes(tmp_path):
-    quick_session(tmp_path / "quick.mcap", body_of(1), 1)
-    arguments = ["batch", str(tmp_path / "quick.mcap"), "--out", str(tmp_path / "results"), "-j", "1"]
+def test_a_full_disk_is_one_line_and_the_next_run_completes(archive, tmp_path, request):
+    recording = archive / "a" / "session-0.mcap"
+    arguments = ["batch", str(recording), "--out", str(tmp_path / "results"), "-j", "1"]
     with full_disk(50):
         done = CliRunner().invoke(main, arguments)
     assert done.exit_code == 1
@@ -347,6 +348,8 @@ def test_a_full_disk_is_one_line_and_the_next_run_completes(tmp_path):
     assert line.startswith("analyze: ")
     assert ": cannot be written: " in line
     assert not list((tmp_path / "results" / "recordings").iterdir())
+    request.getfixturevalue("in_process")
+    request.getfixturevalue("coarse_regions_here")
     again = CliRunner().invoke(main, arguments)
     assert again.exit_code == 0, again.output
     assert "1 analysed" in again.output

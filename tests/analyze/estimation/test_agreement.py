@@ -11,6 +11,7 @@ from schemas.result import WarningCode
 from schemas.strike_result import Verdict
 from tests.analyze.simulated_session import carton, session
 
+pytestmark = pytest.mark.usefixtures("coarse_regions")
 BODY = carton()
 
 

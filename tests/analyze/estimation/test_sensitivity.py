@@ -17,6 +17,8 @@ from analyze.pipeline.estimate import estimate_evidence
 from schemas.object_spec import MarkerSpec
 from tests.analyze.simulated_session import carton, session
 
+pytestmark = pytest.mark.usefixtures("coarse_regions")
+
 STEP_RAD = 1e-5
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -26,6 +27,15 @@ PLANES = {
     for name, (axis, sign) in zip(NAMES, [(a, s) for a in range(3) for s in (-1, 1)], strict=True)
 }
 SHAPE = shape_prior(BODY.cells)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def fewer_draws() -> Iterator[None]:
+    """Draw half of the masses: their sampling, which takes nearly all of the time, is not what is tested."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("analyze.estimation.part_masses._STEPS", 50)
+        patch.setattr("analyze.estimation.part_masses._BURN_IN_STEPS", 20)
+        yield
 
 
 def uniform_box(low: np.ndarray, high: np.ndarray) -> MassProperties:

@@ -17,6 +17,8 @@ from schemas.proto import percuss_pb2 as pb
 from tests.places import SAMPLE
 from tests.removed_topics import remove_topics
 
+pytestmark = pytest.mark.usefixtures("coarse_regions")
+
 
 def run(*arguments: object) -> str:
     result = CliRunner().invoke(analyze, [str(a) for a in arguments], catch_exceptions=False)

@@ -55,6 +55,7 @@ def test_estimate_of_a_simulated_session_reaches_the_targets(estimate):
     assert np.abs(estimate.estimate.distribution.masses - BODY.regions).mean() / BODY.mass < 0.04
 
 
+@pytest.mark.usefixtures("coarse_regions_here")
 def test_unknown_shell_thickness_is_estimated_and_widens_region_masses(evidence, estimate):
     spec = evidence.spec.model_copy(update={"shell_thickness_m": None})
     found = answer_evidence(replace(evidence, spec=spec))

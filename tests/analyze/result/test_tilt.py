@@ -18,6 +18,7 @@ from schemas.session_manifest import LevelReading
 from schemas.terminal import Terminal
 from tests.analyze.simulated_session import carton, session
 
+pytestmark = pytest.mark.usefixtures("coarse_regions")
 BODY = carton()
 RISE = np.radians(0.3)
 

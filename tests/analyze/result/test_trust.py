@@ -18,6 +18,7 @@ from tests.analyze.estimation.drawn_sessions import VERTEX_AXES
 from tests.analyze.pipeline.merged_sessions import BODY
 from tests.analyze.simulated_session import session
 
+pytestmark = pytest.mark.usefixtures("coarse_regions")
 REGIONS = "trust the region masses"
 
 

@@ -61,7 +61,7 @@ def test_the_files_are_watertight_for_other_programs(name: str) -> None:
     assert len(triangles) == len(mesh.faces)
 
 
-@pytest.mark.parametrize("length_m", [0.06, 0.095, 0.12, 0.18])
+@pytest.mark.parametrize("length_m", [0.06, pytest.param(0.095, marks=pytest.mark.slow), 0.12, 0.18])
 def test_every_arm_can_be_printed_and_has_its_length(length_m: float) -> None:
     length = 1000 * length_m
     for each in prints(length_m).parts:
@@ -148,7 +148,9 @@ def test_the_guides_drawing_is_that_of_the_arm() -> None:
     assert texts[0] == texts[1]
 
 
-def test_the_command_takes_the_arm_of_the_rig_file(tmp_path: Path) -> None:
+def test_the_command_takes_the_arm_of_the_rig_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Both runs make the same parts.
+    monkeypatch.setattr("analyze.rig_parts.all_parts.rig_prints", cache(rig_prints))
     rig = tmp_path / "rig.toml"
     striker = "[striker]\narm_length_m = 0.1\neffective_mass_kg = 0.15\n"
     rig.write_text(f'[camera]\naddress = "192.168.10.2"\n{CALIBRATION}{striker}', encoding="utf-8")

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 CONTRAST = """() => {
     const canvas = new OffscreenCanvas(1, 1).getContext('2d', {willReadFrequently: true});
+    const known = new Map();
     const rgba = text => {
+        if (known.has(text)) return known.get(text);
         canvas.clearRect(0, 0, 1, 1);
         canvas.fillStyle = text;
         canvas.fillRect(0, 0, 1, 1);
         const [r, g, b, a] = canvas.getImageData(0, 0, 1, 1).data;
-        return [r, g, b, a / 255];
+        known.set(text, [r, g, b, a / 255]);
+        return known.get(text);
     };
     const over = ([r, g, b, a], under) => [r, g, b].map((v, i) => v * a + under[i] * (1 - a));
     const luminance = colour => colour.map(v => v / 255)

@@ -44,7 +44,9 @@ class SampleConsole(http.server.ThreadingHTTPServer):
         super().__init__(("127.0.0.1", 0), _Handler)
         self.url = f"http://127.0.0.1:{self.server_address[1]}/"
         self.image = image
-        self.snapshot = snapshots.base()
+        self.shown = 0
+        """number of the newest snapshot; a page finds it in the snapshot as `shown`"""
+        self.snapshot: snapshots.Snapshot = {}
         self.orders: list[tuple[str, Any]] = []
         self.previews = 0
         """number of preview streams that are open"""
@@ -54,11 +56,13 @@ class SampleConsole(http.server.ThreadingHTTPServer):
         self.slow_s = 0.0
         """time that each order takes [s]"""
         self.changed = threading.Condition()
+        self.show(snapshots.base())
 
     def show(self, snapshot: snapshots.Snapshot) -> None:
         """Send a snapshot to all pages."""
         with self.changed:
-            self.snapshot = snapshot
+            self.shown += 1
+            self.snapshot = snapshot | {"shown": self.shown}
             self.changed.notify_all()
 
     def handle_error(self, *_: object) -> None:

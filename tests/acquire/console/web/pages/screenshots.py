@@ -51,8 +51,38 @@ MOMENTS: dict[str, tuple[str, Callable[[Page, SampleConsole], object]]] = {
 """states that the page reaches by an action: the state before, and the action"""
 
 
-def show_state(page: Page, server: SampleConsole, name: str, settle_ms: int = 900) -> None:
-    """Open a page in a state and wait until it has settled."""
+COUNT_SNAPSHOTS = """
+    const parse = JSON.parse;
+    globalThis.newestShown = 0;
+    JSON.parse = (...text) => {
+        const found = parse(...text);
+        if (found?.shown) requestAnimationFrame(() => { globalThis.newestShown = found.shown; });
+        return found;
+    };
+"""
+"""script for a page before it is opened: keeps the number of the newest snapshot that it has drawn"""
+
+AT_REST = """() => new Promise(resolve => {
+    const loaded = () => [...document.images].every(each => !each.checkVisibility() || each.naturalWidth > 0);
+    const ends = performance.now() + 1000;
+    let changed = performance.now();
+    const watch = new MutationObserver(() => { changed = performance.now(); });
+    watch.observe(document, {subtree: true, childList: true, attributes: true, characterData: true});
+    const look = () => {
+        const now = performance.now();
+        if (now > ends || (now - changed > 60 && loaded())) { watch.disconnect(); resolve(); }
+        else requestAnimationFrame(look);
+    };
+    look();
+})"""
+"""promise that a page has not changed for 60 ms and shows its pictures, kept after a second in any case"""
+
+
+def show_state(page: Page, server: SampleConsole, name: str, settle_ms: int = 0) -> None:
+    """Open a page in a state and wait until it has drawn it, and for `settle_ms` more.
+
+    The page must have `COUNT_SNAPSHOTS`.
+    """
     before, act = MOMENTS.get(name, (name, None))
     view, steps = states()[before]
     server.silent = server.stop_fails = False
@@ -60,15 +90,22 @@ def show_state(page: Page, server: SampleConsole, name: str, settle_ms: int = 90
     page.goto(server.url)
     page.wait_for_selector("#role:not([hidden])", state="attached")
     for step in steps[1:]:
-        page.wait_for_timeout(150)
+        wait_until_drawn(page, server)
         server.show(step)
-    page.wait_for_timeout(250)
+    wait_until_drawn(page, server)
     if page.locator(f"#view-{view}").is_hidden():
         page.click(f"nav [data-view={view}]")
+    page.evaluate(AT_REST)
     page.wait_for_timeout(settle_ms)
     if act is not None:
         act(page, server)
+        page.evaluate(AT_REST)
         page.wait_for_timeout(settle_ms)
+
+
+def wait_until_drawn(page: Page, server: SampleConsole) -> None:
+    """Wait until a page has drawn the newest snapshot."""
+    page.wait_for_function("wanted => globalThis.newestShown === wanted", arg=server.shown)
 
 
 def take(browser: Browser, server: SampleConsole, folder: Path, names: list[str]) -> None:
@@ -76,8 +113,9 @@ def take(browser: Browser, server: SampleConsole, folder: Path, names: list[str]
     for width, height in SIZES.items():
         for scheme in SCHEMES:
             page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
+            page.add_init_script(COUNT_SNAPSHOTS)
             for name in names:
-                show_state(page, server, name)
+                show_state(page, server, name, settle_ms=600)
                 page.screenshot(path=folder / f"{name}-{width}-{scheme}.png")
                 if width < max(SIZES):
                     tall = page.evaluate("document.documentElement.scrollHeight")

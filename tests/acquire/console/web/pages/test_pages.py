@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,13 @@ import pytest
 from tests.acquire.console.web.pages.page_rules import FOCUS_ORDER, RULES, STOP
 from tests.acquire.console.web.pages.results import HOSTILE
 from tests.acquire.console.web.pages.sample_console import SampleConsole, sample_console
-from tests.acquire.console.web.pages.screenshots import MOMENTS, SCHEMES, SIZES, show_state
+from tests.acquire.console.web.pages.screenshots import (
+    COUNT_SNAPSHOTS,
+    MOMENTS,
+    SCHEMES,
+    SIZES,
+    show_state,
+)
 from tests.acquire.console.web.pages.snapshots import base, prompt, session, states
 
 if TYPE_CHECKING:
@@ -32,6 +39,7 @@ def page(chromium: Browser, server: SampleConsole) -> Iterator[Page]:
     server.stop_fails = server.silent = False
     server.slow_s = 0.0
     opened = chromium.new_page(viewport={"width": 1440, "height": 900})
+    opened.add_init_script(COUNT_SNAPSHOTS)
     problems: list[str] = []
     opened.on("pageerror", lambda error: problems.append(str(error)))
     opened.on("console", lambda line: problems.append(line.text) if "Content Security" in line.text else None)
@@ -42,6 +50,14 @@ def page(chromium: Browser, server: SampleConsole) -> Iterator[Page]:
 
 def _orders(server: SampleConsole, path: str) -> list[object]:
     return [content for asked, content in server.orders if asked == path]
+
+
+def _await_orders(page: Page, server: SampleConsole, count: int = 1) -> None:
+    """Wait until the page has sent this many orders, and 100 ms more, in which no other may follow."""
+    end = time.monotonic() + 10
+    while len(server.orders) < count and time.monotonic() < end:
+        page.wait_for_timeout(10)
+    page.wait_for_timeout(100)
 
 
 @pytest.mark.parametrize(
@@ -57,7 +73,7 @@ def test_every_state_keeps_the_rules(page, server, width, scheme):
     page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
     broken = {}
     for name in (*states(), *MOMENTS):
-        show_state(page, server, name, settle_ms=250)
+        show_state(page, server, name)
         for rule, script in RULES.items():
             if found := page.evaluate(script):
                 broken[name, rule] = found
@@ -73,7 +89,7 @@ def test_keys_stop_in_every_view_without_a_question(page, server, key):
         page.click(f"nav [data-view={view}]")
         server.orders.clear()
         page.keyboard.press(key)
-        page.wait_for_timeout(150)
+        _await_orders(page, server)
         assert server.orders == [("/api/stop", {})]
 
 
@@ -82,7 +98,7 @@ def test_stop_acts_when_the_button_goes_down_and_once(page, server):
     box = page.locator("#stop").bounding_box()
     page.mouse.move(box["x"] + 20, box["y"] + 20)
     page.mouse.down()
-    page.wait_for_timeout(150)
+    _await_orders(page, server)
     assert _orders(server, "/api/stop") == [{}]
     page.mouse.up()
     page.wait_for_timeout(150)
@@ -94,7 +110,7 @@ def test_escape_closes_a_dialog_and_stops(page, server):
     page.keyboard.press("?")
     assert page.locator("#help").is_visible()
     page.keyboard.press("Escape")
-    page.wait_for_timeout(150)
+    _await_orders(page, server)
     assert page.locator("#help").is_hidden()
     assert _orders(server, "/api/stop") == [{}]
 
@@ -107,7 +123,7 @@ def test_space_is_a_character_in_a_text_field_but_escape_stops(page, server):
     assert page.input_value("#override") == "tag is dirty"
     assert not server.orders
     page.keyboard.press("Escape")
-    page.wait_for_timeout(150)
+    _await_orders(page, server)
     assert server.orders == [("/api/stop", {})]
 
 
@@ -128,7 +144,7 @@ def test_homing_again_asks_first(page, server):
     assert not server.orders
     page.click("#home")
     page.click("#confirm-yes")
-    page.wait_for_timeout(150)
+    _await_orders(page, server)
     assert server.orders == [("/api/stop/clear", {"confirm": True})]
 
 
@@ -137,7 +153,7 @@ def test_start_needs_a_passed_check_or_a_reason(page, server):
     assert page.locator("#action").is_disabled()
     page.fill("#override", "one tag is dirty")
     page.click("#action")
-    page.wait_for_timeout(150)
+    _await_orders(page, server)
     [order] = _orders(server, "/api/session/start")
     assert order == {
         "object_id": "o1",
@@ -152,7 +168,7 @@ def test_start_sends_target_and_number_of_strikes(page, server):
     page.check("input[value=until]")
     page.fill("#until-inertia", "2")
     page.keyboard.press("Enter")
-    page.wait_for_timeout(150)
+    _await_orders(page, server)
     [order] = _orders(server, "/api/session/start")
     assert order["until"] == "com=0.5mm,inertia=2%"
     assert order["max_strikes"] == 12
@@ -171,7 +187,7 @@ def test_an_ended_session_is_offered_to_go_on_with(page, server):
     page.wait_for_timeout(800)
     assert page.input_value("#resume") == "r0"
     page.keyboard.press("Enter")
-    page.wait_for_timeout(150)
+    _await_orders(page, server)
     [order] = _orders(server, "/api/session/start")
     assert order == {
         "object_id": "o1",
@@ -219,7 +235,7 @@ def test_a_fault_of_the_striker_is_an_alarm(page, server):
     assert page.locator("#action").is_disabled()
     page.click("#home")
     page.click("#confirm-yes")
-    page.wait_for_timeout(150)
+    _await_orders(page, server)
     assert server.orders == [("/api/stop/clear", {"confirm": True})]
 
 
@@ -237,19 +253,21 @@ def test_pedal_answers_a_prompt_once_even_after_a_click_elsewhere(page, server):
     page.click("#sound")
     page.keyboard.press("Enter")
     page.keyboard.press("Enter")
-    page.wait_for_timeout(150)
+    _await_orders(page, server)
     assert server.orders == [("/api/prompt/answer", {"id": 7, "ok": True, "order": "placed"})]
 
 
 def test_orders_of_the_strike_view(page, server):
     show_state(page, server, "again")
-    for button in ("again", "harder", "skip"):
+    for count, button in enumerate(("again", "harder"), 1):
         page.click(f"#order-{button}")
-    page.wait_for_timeout(150)
+        _await_orders(page, server, count)  # each goes over a connection of its own
+    page.click("#order-skip")
     assert len(server.orders) == 2
     page.click("#confirm-yes")  # a strike that is left out does not come back
+    _await_orders(page, server, 3)
     page.click("#order-pause")
-    page.wait_for_timeout(150)
+    _await_orders(page, server, 4)
     orders = [content.get("order") for path, content in server.orders if path == "/api/prompt/answer"]
     assert orders == ["again", "harder", "skip"]
     assert _orders(server, "/api/session/pause") == [{"when": "after_strike"}]
@@ -263,7 +281,7 @@ def test_watchers_may_only_stop_and_take_over(page, server):
     page.click("#take")
     assert not server.orders
     page.click("#confirm-yes")
-    page.wait_for_timeout(150)
+    _await_orders(page, server)
     assert server.orders == [("/api/operator/take", {})]
 
 
@@ -329,7 +347,7 @@ def test_view_follows_the_session_unless_pinned(page, server):
 
 
 def test_pedal_leaves_a_verdict_and_the_view_still_follows(page, server):
-    show_state(page, server, "again", settle_ms=200)
+    show_state(page, server, "again")
     assert page.inner_text("#sign-word") == "AGAIN"
     page.keyboard.press("Enter")
     page.wait_for_selector("#view-place", state="visible")
@@ -372,5 +390,5 @@ def test_archive_is_filtered_and_two_recordings_are_compared(page, server):
     assert page.locator("#compare-rows tr").count() == 3
     assert "+0.29" in page.inner_text("#compare-rows")
     page.locator("#archive-rows button", has_text="Re-estimate").first.click()
-    page.wait_for_timeout(150)
+    _await_orders(page, server)
     assert _orders(server, "/api/archive/r0/estimate") == [{}]
