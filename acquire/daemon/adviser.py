@@ -15,6 +15,10 @@ from acquire.daemon.line_process import LineProcess
 from schemas.watch_lines import AdviceRequest, SessionEstimate
 
 
+INFORM_FROM = 1 << 30
+"""requests of `inform` are numbered from here on, so that none has the number of one by `ask`"""
+
+
 class Adviser:
     """Child process `analyze advise FILE`: the answer so far of one recording, and the next strike.
 
@@ -28,7 +32,7 @@ class Adviser:
         self._series: tuple[Path, int] | None = None
         self._latest: SessionEstimate | None = None
         self._changed = threading.Condition()
-        self._informed = 0
+        self._informed = INFORM_FROM
         self.asked = False
         """True once the session itself has asked for advice in this recording"""
 
@@ -79,7 +83,7 @@ class Adviser:
             part: number of the file that is being written.
             strike_id: id of the newest attempt.
         """
-        self._informed -= 1  # never the number of a request by `ask`
+        self._informed += 1
         self._running((file, part)).send(AdviceRequest(number=self._informed, strike_id=strike_id))
 
     def close(self) -> None:
