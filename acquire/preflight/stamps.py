@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from acquire.camera.base import Camera
     from schemas.rig import CameraConfig
 
-STAMP_LINE = "camera stamp"
+STAMP_LINE = "frame times"
 """name of the check"""
 EXPOSURES_US = (300.0, 6300.0)
 """the two exposures [us]: their difference is many times what the arrival of a frame varies by"""
