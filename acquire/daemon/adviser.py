@@ -14,7 +14,6 @@ from typing import Any
 from acquire.daemon.line_process import LineProcess
 from schemas.watch_lines import AdviceRequest, SessionEstimate
 
-
 INFORM_FROM = 1 << 30
 """requests of `inform` are numbered from here on, so that none has the number of one by `ask`"""
 

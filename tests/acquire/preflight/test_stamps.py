@@ -24,7 +24,6 @@ from tests.acquire.preflight.bench import Bench
 from tests.acquire.virtual.pattern_source import PatternSource
 from tests.loopback import loopback
 
-
 TRIES = 5
 """measurements on a busy computer, as often as the remedy of the check may be followed"""
 
