@@ -308,7 +308,7 @@ class AravisCamera(Camera):
     def _check_alive(self, now_ns: int) -> None:
         # control-lost comes about 6 s after the camera's death: the watchdog below notices first.
         if self._lost.is_set():
-            raise self._lost_error("it no longer answers on its control channel")
+            raise self._lost_error(self._link.lost_reason)
         stalled_s = (now_ns - self._last_frame_ns) * 1e-9
         if stalled_s > self._config.stall_s:
             incomplete = (

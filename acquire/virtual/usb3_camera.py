@@ -3,7 +3,8 @@
 Aravis reaches it through a stand-in for libusb (usb_library.c). Exposure slot n starts n frame periods after
 the start of the acquisition, by the camera's own clock. A render thread draws each slot's image as soon as
 the source has data for its whole exposure. The camera keeps some images until the computer asks for them;
-when it has no room, an image is lost, and its number with it. A slow computer draws images late, never fewer.
+when it has no room, an image is lost, and its number with it. A slow computer draws images late, never fewer;
+a camera that is behind sends at twice its frame rate, never faster.
 """
 
 from __future__ import annotations
@@ -197,8 +198,9 @@ class VirtualUsb3Camera:
             settings = self._settings()
             period_ns = self._registers.integer(PERIOD_US) * 1000
             exposure_ns = round(settings.exposure_us * 1e3)
-            wire_s = settings.width * settings.height / self._habits.port_bytes_s
-            stamp_ns, number = self.device_clock.now_ns(), 0
+            wire_ns = round(settings.width * settings.height / self._habits.port_bytes_s * 1e9)
+            interval_ns = max(wire_ns, period_ns // 2)
+            stamp_ns, number, sent_ns = self.device_clock.now_ns(), 0, 0
             while self._wait_until_covered(self.device_clock.to_host(stamp_ns) + exposure_ns, run):
                 start_ns = self.device_clock.to_host(stamp_ns)
                 began = time.perf_counter()
@@ -208,7 +210,8 @@ class VirtualUsb3Camera:
                 delay_ns = self._clock.monotonic_ns() - start_ns - exposure_ns
                 self._latest_ns = max(self._latest_ns, delay_ns)
                 self._late += delay_ns > 2 * period_ns
-                self._clock.sleep(wire_s)
+                self._clock.sleep(max(0, sent_ns + interval_ns - self._clock.monotonic_ns()) * 1e-9)
+                sent_ns = self._clock.monotonic_ns()
                 self._deliver(image, stamp_ns + exposure_ns * self._habits.stamps_end, number, settings)
                 stamp_ns, number = stamp_ns + period_ns, number + 1
 

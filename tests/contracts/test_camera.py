@@ -20,12 +20,14 @@ from acquire.clock.clock import SystemClock
 from acquire.errors import CameraError
 from acquire.frames.frame import Frame
 from acquire.virtual.gige_camera import VirtualGigeCamera
+from acquire.virtual.usb3_features import device_id
 from schemas.camera_kind import CameraKindName
 from schemas.rig import CameraConfig, RigConfig
 from schemas.session_manifest import CameraCalibrationSpec
 from tests.acquire.camera.video_device import pattern_video
 from tests.acquire.virtual.pattern_source import PatternSource
 from tests.loopback import loopback
+from tests.usb_bus import SERIAL, pattern_usb3
 
 ADDRESS = loopback(61)
 CLOSE_S = 12.0
@@ -61,10 +63,23 @@ def virtual_video(folder: Path) -> Iterator[CameraConfig]:
         yield config(str(folder / "video0"), "v4l2")
 
 
-VIRTUAL = {"gige": virtual_gige, "v4l2": virtual_video}
+@contextmanager
+def virtual_usb3(_folder: Path) -> Iterator[CameraConfig]:
+    with pattern_usb3():
+        yield config(device_id(SERIAL), "usb3")
 
 
-@pytest.fixture(params=[*VIRTUAL, pytest.param("real", marks=pytest.mark.hardware)])
+VIRTUAL = {"gige": virtual_gige, "usb3": virtual_usb3, "v4l2": virtual_video}
+
+
+@pytest.fixture(
+    params=[
+        "gige",
+        pytest.param("usb3", marks=pytest.mark.usb_bus),
+        "v4l2",
+        pytest.param("real", marks=pytest.mark.hardware),
+    ]
+)
 def camera_config(
     request: pytest.FixtureRequest, real_rig: Callable[[], RigConfig], tmp_path: Path
 ) -> Iterator[CameraConfig]:
