@@ -96,7 +96,7 @@ class VirtualUsb3Camera:
         self.device_clock = DeviceClock(clock)
         self._source, self._clock = source, clock
         self._condition = threading.Condition()
-        self._streaming = self._closed = False
+        self._streaming, self._closed = habits.left_streaming, False
         self._run = 0
         self._frames = self._rendered = self._late = self._latest_ns = 0
         self._render_s = 0.0
@@ -126,6 +126,10 @@ class VirtualUsb3Camera:
         return CameraStatistics(
             self._frames, 1e3 * self._render_s / max(self._rendered, 1), self._late, self._latest_ns / 1e6
         )
+
+    def register(self, address: int) -> int:
+        """Value of the 32-bit register at `address`."""
+        return self._registers.integer(address)
 
     def close(self) -> None:
         """Unplug the camera: programs that have it open find it gone. May be repeated."""

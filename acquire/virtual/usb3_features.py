@@ -49,12 +49,14 @@ class Usb3Habits:
     """True if its clock can be latched"""
     stamps_end: bool = False
     """True if it stamps the end of an exposure, not its start"""
-    memory_frames: int = 20
+    memory_frames: int = 200
     """number of images that it keeps until the computer asks for them"""
     port_bytes_s: float = 380e6
     """what the port carries [bytes/s]"""
     open_status: int = 0
     """status of libusb with which programs are refused; 0 if they may open it"""
+    left_streaming: bool = False
+    """True if another program has left it streaming"""
     lacks_trailer_every: int = 0
     """number of frames of which the last arrives without its end; 0: none"""
     cut_every: int = 0
