@@ -146,7 +146,7 @@ def close_connection(connection: Connection, lost: bool) -> None:
 
 
 def release_frames(error: BaseException) -> None:
-    """Drop the traceback of an exception, whose functions hold the camera: who keeps it keeps no camera open."""
+    """Drop the traceback of an exception, whose functions' local variables would keep the camera open."""
     error.__traceback__ = error.__context__ = None
 
 

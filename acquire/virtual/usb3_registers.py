@@ -37,8 +37,8 @@ RESPONSE_MS: Final = 300
 _ALIGNMENT_BITS = 2
 """transfers are multiples of 4 bytes"""
 LEADER: Final = struct.Struct("<4sHHQHHQIIIIIHH")
-"""leader of a frame: magic, 0, size, number, 0, payload type, stamp [ns], pixel format, width, height, offsets,
-padding, 0"""
+"""leader of a frame: magic, 0, size, number, 0, payload type, stamp [ns], pixel format, width, height, two
+offsets, padding, 0"""
 TRAILER: Final = struct.Struct("<4sHHQHHQI")
 """trailer of a frame: magic, 0, size, number, status, 0, payload [bytes], rows"""
 
@@ -85,10 +85,20 @@ class Registers:
         put = self._put
         put("<I", (0, 0x10000), (_RESPONSE_MS, RESPONSE_MS), (TIMESTAMP_LATCH + 4, 1))
         put("<Q", (_MANIFEST_ADDRESS, _MANIFEST), (_TECHNOLOGY_ADDRESS, _TECHNOLOGY))
-        put("<I", (_TECHNOLOGY, 0x10000), (_TECHNOLOGY + 0x14, MAX_TRANSFER), (_TECHNOLOGY + 0x18, MAX_TRANSFER))
+        put(
+            "<I",
+            (_TECHNOLOGY, 0x10000),
+            (_TECHNOLOGY + 0x14, MAX_TRANSFER),
+            (_TECHNOLOGY + 0x18, MAX_TRANSFER),
+        )
         put("<I", (_TECHNOLOGY + 0x1C, 1), (_TECHNOLOGY + 0x28, _BLOCK_LENGTH), (_TECHNOLOGY + 0x40, 8))
         put("<Q", (_TECHNOLOGY + 0x20, _STREAM), (_MANIFEST, 1))
-        put("<I", (_STREAM, _ALIGNMENT_BITS << 24), (_LEADER_BYTES, LEADER.size), (_TRAILER_BYTES, TRAILER.size))
+        put(
+            "<I",
+            (_STREAM, _ALIGNMENT_BITS << 24),
+            (_LEADER_BYTES, LEADER.size),
+            (_TRAILER_BYTES, TRAILER.size),
+        )
         self.write(_MANIFEST + 8, struct.pack("<HBBIQQ", 0, 0, 1, 0, _XML, len(description)))
 
     def integer(self, address: int) -> int:

@@ -11,18 +11,22 @@ from collections.abc import Iterator
 from rich.console import Console
 from rich.table import Table
 
-from acquire.camera.aravis import AravisCamera
+from acquire.camera.base import Camera
 from acquire.camera.discovery import identify_camera
+from acquire.camera.factory import discover_cameras, make_camera
 from acquire.clock.clock import SystemClock
 from acquire.errors import AcquireError
 from acquire.preflight.stamps import measure_stamp
 from acquire.virtual.camera_makes import MAKES, CameraMake
 from acquire.virtual.gige_camera import VirtualGigeCamera
 from acquire.virtual.gige_faults import USUAL, CameraHabits, GigeFaults
+from acquire.virtual.usb3_features import Usb3Habits, device_id
+from acquire.virtual.usb_device import ACCESS
 from schemas.rig import CameraConfig
 from tests.acquire.capture.synthetic_rig import CALIBRATION
 from tests.acquire.virtual.pattern_source import PatternSource
 from tests.benchmarks.device_servos import STEPS, servo_rows
+from tests.usb_bus import SERIAL, bus_folder, pattern_usb3
 
 ADDRESS = "127.0.0.93"
 FRAMES = 240
@@ -31,6 +35,14 @@ FAULTS = {
     "left streaming": GigeFaults(left_streaming=True),
     "hides its clock's frequency": GigeFaults(hides_ticks=True),
     "network of 1500 B": GigeFaults(mtu=1500),
+}
+USB3 = {
+    "USB3 Vision": Usb3Habits(),
+    "USB3 Vision, left streaming, end stamped": Usb3Habits(left_streaming=True, stamps_end=True),
+    "USB3 Vision, limited to 20 MB/s": Usb3Habits(limit_bytes_s=20_000_000),
+    "USB3 Vision, limit locked": Usb3Habits(limit_bytes_s=20_000_000, limit_locked=True),
+    "USB3 Vision, may not be opened": Usb3Habits(open_status=ACCESS),
+    "USB3 Vision, loses trailers": Usb3Habits(lacks_trailer_every=60),
 }
 
 
@@ -41,6 +53,16 @@ def camera_rows() -> Iterator[tuple[str, dict[str, str]]]:
         yield f"{make.vendor} {make.model}", _row(CameraHabits(make=make))
     for name, faults in FAULTS.items():
         yield f"Mako, {name}", _row(CameraHabits(make=MAKES["mako"], faults=faults))
+    for name, usb_habits in USB3.items():
+        yield name, _usb_row(usb_habits)
+
+
+def _usb_row(habits: Usb3Habits) -> dict[str, str]:
+    with pattern_usb3(habits):
+        names = [camera.model for camera in discover_cameras()[0] if camera.kind == "usb3"]
+        found = {"discover": ", ".join(names) or "nothing answers"}
+        config = CameraConfig(kind="usb3", address=device_id(SERIAL), buffers=64, calibration=CALIBRATION)
+        return found | _used(config, "exposure_end" if habits.stamps_end else "exposure_start")
 
 
 def _row(habits: CameraHabits) -> dict[str, str]:
@@ -50,19 +72,24 @@ def _row(habits: CameraHabits) -> dict[str, str]:
         identity = identify_camera(ADDRESS)
         found = {"discover": "nothing answers" if identity is None else identity.model}
         config = CameraConfig(address=ADDRESS, buffers=64, calibration=CALIBRATION)
-        try:
-            found |= _streamed(AravisCamera(config, clock))
-            slope = measure_stamp(lambda each: AravisCamera(each, clock), config)
-        except AcquireError as error:
-            return found | {"open": f"refused: {error}"}
-        stated = _stated(habits.make)
-        found["stamps"] = "unknown: no clock" if slope is None else f"slope {slope:.2f} ({stated})"
-        return found
+        return found | _used(config, _stated(habits.make))
     finally:
         server.close()
 
 
-def _streamed(camera: AravisCamera) -> dict[str, str]:
+def _used(config: CameraConfig, stated: str) -> dict[str, str]:
+    """Results of opening, streaming and measuring the stamp, beside the instant that the camera stamps."""
+    clock = SystemClock()
+    found: dict[str, str] = {}
+    try:
+        found |= _streamed(make_camera(config, clock))
+        slope = measure_stamp(lambda each: make_camera(each, clock), config)
+    except AcquireError as error:
+        return found | {"open": f"refused: {error}"}
+    return found | {"stamps": "unknown: no clock" if slope is None else f"slope {slope:.2f} ({stated})"}
+
+
+def _streamed(camera: Camera) -> dict[str, str]:
     try:
         camera.open()
         camera.start()
@@ -85,6 +112,7 @@ def _stated(make: CameraMake | None) -> str:
 
 def main() -> None:
     """Print both tables."""
+    bus_folder()  # before Aravis is loaded
     for title, steps, rows in (("camera", CAMERA_STEPS, camera_rows()), ("servo", STEPS, servo_rows())):
         table = Table(title, *steps)
         for name, found in rows:

@@ -144,7 +144,9 @@ def test_a_camera_is_found_absent_in_use_or_not_to_be_opened(usb_config) -> None
         next_frame(first)
         first.close()
     with pattern_usb3(Usb3Habits(open_status=ACCESS)):
-        denied = r"may not open the USB3 Vision camera /dev/bus/usb/002/009 \(LIBUSB_ERROR_ACCESS\): copy docs/99"
+        denied = (
+            r"may not open the USB3 Vision camera /dev/bus/usb/002/009 \(LIBUSB_ERROR_ACCESS\): copy docs/99"
+        )
         with pytest.raises(CameraError, match=denied):
             opened(usb_config())
         found, (note,) = discover_cameras()
@@ -161,7 +163,9 @@ def test_an_unplugged_camera_is_lost_and_comes_back(usb_config, buffers: int) ->
         next_frame(camera)
         server.close()
         began = time.monotonic()
-        with pytest.raises(CameraLost, match="it left the USB bus: check power and cable, then connect again"):
+        with pytest.raises(
+            CameraLost, match="it left the USB bus: check power and cable, then connect again"
+        ):
             read_for_ever(camera)
         assert time.monotonic() - began < 2.0
         camera.close()
