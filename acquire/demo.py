@@ -162,7 +162,11 @@ def _session(
     socket = read_rig(rig_path).daemon.socket_path()
     cleanup.enter_context(
         running_process(
-            "daemon", folder, "acquire", "run", str(rig_path), "--json", "--parent", str(os.getpid())
+            "daemon",
+            folder,
+            "acquire",
+            *("run", str(rig_path), "--json", "--parent", str(os.getpid())),
+            environment=rig.environment,
         )
     )
     wait_for_socket(socket, lambda: True, START_TIMEOUT_S)

@@ -82,6 +82,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=places.__getitem__)
 
 
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Load the stand-in for libusb, if tests need it, before one of them loads Aravis."""
+    if any(item.get_closest_marker("usb_bus") for item in session.items):
+        from tests.usb_bus import bus_folder
+
+        bus_folder()
+
+
 def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool:
     """Run a test again if it failed while the thread of its simulated arm was delayed by a busy computer.
 

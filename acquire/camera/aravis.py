@@ -6,7 +6,14 @@ import threading
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
 
-from acquire.camera.aravis_library import Connection, aravis_and_glib, close_connection, drain, reason
+from acquire.camera.aravis_library import (
+    Connection,
+    aravis_and_glib,
+    close_connection,
+    drain,
+    reason,
+    release_frames,
+)
 from acquire.camera.aravis_link import AravisLink, GigeLink
 from acquire.camera.base import Camera, CameraInfo
 from acquire.camera.frame_loss import FrameLoss
@@ -160,7 +167,10 @@ class AravisCamera(Camera):
             self._size = camera.get_region()[2:]
             self._connection = self._connect_stream(camera, device, handler)
         except (GLib.Error, CameraError) as error:
-            self._close_in_background(Connection(camera, device, None, handler, [], None))
+            connection = Connection(camera, device, None, handler, [], None)
+            camera = device = None
+            release_frames(error)
+            self._close_in_background(connection)
             if isinstance(error, CameraError):
                 raise
             raise CameraError(
@@ -308,7 +318,7 @@ class AravisCamera(Camera):
     def _check_alive(self, now_ns: int) -> None:
         # control-lost comes about 6 s after the camera's death: the watchdog below notices first.
         if self._lost.is_set():
-            raise self._lost_error("it no longer answers on its control channel")
+            raise self._lost_error(self._link.lost_reason)
         stalled_s = (now_ns - self._last_frame_ns) * 1e-9
         if stalled_s > self._config.stall_s:
             incomplete = (

@@ -9,12 +9,13 @@ import contextlib
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any
 
-from acquire.camera.aravis_library import aravis_and_glib, reason
+from acquire.camera.aravis_library import aravis_and_glib
 from acquire.camera.discovery import identify_camera, wait_for_control
 from acquire.camera.receive_buffer import enlarge_receive_buffer
 from acquire.camera.sender_filter import ForeignPackets, SenderFilter
 from acquire.camera.stream_socket import find_udp_socket
 from acquire.camera.subnet import not_found_remedy
+from acquire.camera.usb_access import denied_remedy, denied_usb_cameras
 from acquire.errors import CameraError, CameraNotFound
 
 if TYPE_CHECKING:
@@ -28,6 +29,8 @@ _SOURCE_PORT = 0xD1C
 _HEARTBEAT_MS, _USUAL_HEARTBEAT_MS = 0x938, 3000
 """bootstrap register: time after which a silent program loses control, and its default (GigE Vision 2.0)"""
 _LATCH_NOW = 2
+_MOST_SUBMITTED_BYTES = 8 << 20
+"""bytes that Aravis submits to the USB bus at most (arvuvstream.c)"""
 _ARAVIS_RETENTION_US, _LONGEST_RETENTION_US = 100_000, 1_000_000
 
 
@@ -105,6 +108,11 @@ class AravisLink(ABC):
         Raises:
             CameraError: the system refuses.
         """
+
+    @property
+    def lost_reason(self) -> str:
+        """Reason that Aravis reports by its signal control-lost."""
+        return "it left the USB bus"
 
     @property
     def stream_remedy(self) -> str:
@@ -240,6 +248,11 @@ class GigeLink(AravisLink):
         self._prepare_socket(stream.get_port(), device)
 
     @property
+    def lost_reason(self) -> str:
+        """Reason that Aravis reports by its signal control-lost: no answer to heartbeats."""
+        return "it no longer answers on its control channel"
+
+    @property
     def stream_remedy(self) -> str:
         """Advice where no stream can be opened."""
         return "check that UDP is not blocked by a firewall"
@@ -317,11 +330,15 @@ class UsbLink(AravisLink):
         """Nothing to wait for: the system takes the camera from a program that ends."""
 
     def not_connected(self, why: str) -> CameraError:
-        """Exception for a camera that is not there, or that this user may not open."""
+        """Exception for a camera that is in use, that this user may not open, or that is not there."""
+        address = self._config.address
+        if "LIBUSB_ERROR_BUSY" in why:
+            return CameraError(f"camera {address} is used by another program: close it, then try again")
+        if denied := denied_usb_cameras():
+            return CameraError(f"camera {address} cannot be opened: {denied_remedy(denied)}")
         return CameraNotFound(
-            f"no USB3 Vision camera {self._config.address} can be opened ({why}): check its cable, that this "
-            "user may open it (docs/reference/cameras.md) and that no other program does; `acquire discover` "
-            "lists the cameras"
+            f"no USB3 Vision camera answers as {address} ({why}): check its cable; `acquire discover` lists "
+            "the cameras with their addresses"
         )
 
     def require_control(self, camera: Any) -> None:
@@ -356,23 +373,17 @@ class UsbLink(AravisLink):
         return int(device.get_integer_feature_value("TimestampLatchValue")) * self._ns_per_tick
 
     def prepare_stream(self, camera: Any) -> None:
-        """Switch the camera's limit of its bandwidth off, or to its greatest value.
+        """Let the kernel hold the transfers of many images, if there are buffers for them.
 
-        Makers set it low, so that several cameras fit on one bus; then the frame rate is not reached.
+        Aravis's default asks for one transfer after the other (0.8.26), so that a camera with a small memory
+        loses images while this computer is busy. With fewer bytes of buffers than Aravis submits at a time,
+        its thread would wait busily (Aravis 603a33f6a).
         """
-        _, GLib = aravis_and_glib()
-        if not camera.is_uv_device() or not camera.uv_is_bandwidth_control_available():
+        Aravis, _ = aravis_and_glib()
+        if not camera.is_uv_device():
             return
-        try:
-            camera.uv_set_bandwidth(0)  # switches it off
-        except GLib.Error as first:
-            try:
-                camera.uv_set_bandwidth(camera.uv_get_bandwidth_bounds()[1])
-            except GLib.Error:
-                self.warnings.append(
-                    f"camera {self._config.address} keeps its limit of the bandwidth ({reason(first)}): the "
-                    "frame rate may not be reached"
-                )
+        enough = self._config.buffers * camera.get_payload() > _MOST_SUBMITTED_BYTES
+        camera.uv_set_usb_mode(Aravis.UvUsbMode.ASYNC if enough else Aravis.UvUsbMode.SYNC)
 
     def tune_stream(self, camera: Any, device: Any, stream: Any) -> None:
         """Nothing to prepare: the stream has no socket."""

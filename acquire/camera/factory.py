@@ -54,20 +54,23 @@ _CLASSES: dict[CameraKindName, Callable[[CameraConfig, Clock, int], Camera]] = {
 """constructor of each kind of camera; it imports its library only when it is needed"""
 
 
-def discover_cameras() -> tuple[list[CameraInfo], str]:
+def discover_cameras() -> tuple[list[CameraInfo], list[str]]:
     """Search for cameras of all kinds; takes about a second.
 
     Returns:
-        Identities of the cameras, empty if none answers; and the reason why GigE and USB3 Vision cameras were
-        not searched for, empty if they were.
+        Identities of the cameras, empty if none answers; and what kept cameras from the list, a line of text
+        each: Aravis is missing, or this user may not open a USB3 Vision camera.
     """
     from acquire.camera import aravis_library
+    from acquire.camera.usb_access import denied_remedy, denied_usb_cameras
     from acquire.camera.v4l2_discovery import list_v4l2_cameras
 
-    unsearched = ""
+    notes: list[str] = []
     found: list[CameraInfo] = []
     try:
         found += aravis_library.discover()
     except CameraError as error:
-        unsearched = str(error)
-    return found + list_v4l2_cameras(), unsearched
+        notes.append(f"GigE and USB3 Vision cameras were not searched: {error}")
+    if denied := denied_usb_cameras():
+        notes.append(denied_remedy(denied))
+    return found + list_v4l2_cameras(), notes

@@ -15,6 +15,11 @@ if TYPE_CHECKING:
     from schemas.rig import CameraConfig
 
 
+LIMIT, LIMIT_MODE = "DeviceLinkThroughputLimit", "DeviceLinkThroughputLimitMode"
+"""features of a USB camera that limit its bandwidth [bytes/s], by their standard names (SFNC)"""
+DEFAULT_REMEDY = "correct the rig file"
+
+
 @dataclass(frozen=True)
 class Setting:
     """One setting of a camera: wanted value, tolerance, unit, and functions to write and read it."""
@@ -31,7 +36,7 @@ class Setting:
     """writes a value to the camera"""
     read: Callable[[], float | str]
     """reads the value from the camera"""
-    remedy: str = "correct the rig file"
+    remedy: str = DEFAULT_REMEDY
     """what to do if the camera takes another value"""
 
     def agrees(self, got: float | str) -> bool:
@@ -104,6 +109,7 @@ def write_settings(camera: Any, config: CameraConfig) -> None:
         camera.clear_triggers()
     except GLib.Error as error:
         raise _refusal(f"camera {config.address}: {name}", error, MAKERS_REMEDY) from None
+    _lift_bandwidth_limit(camera)
     for setting in _settings(camera, config):
         wanted = f"camera {config.address}: {setting.name} = {setting.text(setting.wanted)}"
         try:
@@ -162,6 +168,41 @@ def _load_makers_settings(camera: Any) -> None:
         _try(lambda: camera.set_string("UserSetSelector", "Default"))
         if _try(lambda: camera.get_string("UserSetSelector")) == "Default":
             _try(lambda: camera.execute_command("UserSetLoad"))
+
+
+def _lift_bandwidth_limit(camera: Any) -> None:
+    """Switch a USB camera's limit of its bandwidth off, or raise it to its greatest value; it may refuse.
+
+    Makers set it low, so that several cameras fit on one bus, and it bounds the frame rate. Aravis's own call
+    does this for XIMEA alone (0.8.26, arvcamera.c 3448).
+    """
+    if not camera.is_uv_device():
+        return
+    if camera.is_feature_available(LIMIT_MODE):
+        _try(lambda: camera.set_string(LIMIT_MODE, "Off"))
+    if _bandwidth_limit(camera) is not None:
+        _try(lambda: camera.set_integer(LIMIT, camera.get_integer_bounds(LIMIT)[1]))
+
+
+def _bandwidth_limit(camera: Any) -> int | None:
+    """Limit of a USB camera's bandwidth [bytes/s]; None if it has none, or is switched off."""
+    if not (camera.is_uv_device() and camera.is_feature_available(LIMIT)):
+        return None
+    if camera.is_feature_available(LIMIT_MODE) and _try(lambda: camera.get_string(LIMIT_MODE)) == "Off":
+        return None
+    return _try(lambda: camera.get_integer(LIMIT))
+
+
+def _rate_remedy(camera: Any, config: CameraConfig) -> str:
+    """What to do if the camera does not take the frame rate."""
+    limit = _bandwidth_limit(camera)
+    payload = camera.get_payload()
+    if limit is None or payload * config.frame_rate_hz <= limit:
+        return DEFAULT_REMEDY
+    return (
+        f"the camera limits its images to {limit * 1e-6:.0f} MB/s ({LIMIT}), which are {limit / payload:.0f} "
+        "Hz: use a USB 3 port, raise the limit with the maker's program, or lower frame_rate_hz"
+    )
 
 
 def _settings(camera: Any, config: CameraConfig) -> Iterator[Setting]:
@@ -257,6 +298,7 @@ def _timing_settings(camera: Any, config: CameraConfig) -> Iterator[Setting]:
             "Hz",
             camera.set_frame_rate,
             camera.get_frame_rate,
+            _rate_remedy(camera, config),
         )
         return
     # A rate left on holds pulses down; Alvium denies this while a trigger is on (Aravis #879).

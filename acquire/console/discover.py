@@ -21,14 +21,14 @@ def list_cameras(*, as_json: bool) -> None:
     """
     from acquire.camera.factory import discover_cameras
 
-    cameras, unsearched = discover_cameras()
+    cameras, notes = discover_cameras()
     if as_json:
         echo(json.dumps([vars(camera) for camera in cameras]))
     for camera in [] if as_json else cameras:
         kind = "" if camera.kind == "gige" else f'  kind = "{camera.kind}"'
         echo(f"{camera.address:16} {camera.vendor} {camera.model} ({camera.serial}){kind}")
-    if unsearched:
-        Terminal(stderr=True).print(f"GigE and USB3 Vision cameras were not searched: {unsearched}")
+    for note in notes:
+        Terminal(stderr=True).print(note)
     if not cameras:
         raise CameraNotFound(
             "no camera answers: check power and cable, that host and camera are in one subnet "

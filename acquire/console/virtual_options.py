@@ -45,8 +45,8 @@ def virtual_options(command: Any) -> Any:
             "--camera",
             default="gige",
             show_default=True,
-            type=click.Choice(["gige", "v4l2"]),
-            help="What sees it: a GigE Vision camera, or a webcam (V4L2; needs root).",
+            type=click.Choice(["gige", "usb3", "v4l2"]),
+            help="What sees it: a GigE Vision or USB3 Vision camera, or a webcam (V4L2; needs root).",
         ),
         click.option(
             "--address",

@@ -20,8 +20,11 @@ from acquire.virtual.own_object import read_own_object
 from acquire.virtual.processes import running_process
 from acquire.virtual.station import calibration_sheet
 from acquire.virtual.striker_firmware import FASTEST_MM_S, SLOWEST_MM_S
+from acquire.virtual.usb3_features import device_id, usb3_serial
+from acquire.virtual.usb_library import FOLDER as USB_FOLDER
+from acquire.virtual.usb_library import library_environment
 from acquire.virtual.video_camera import NAME as VIDEO_NAME
-from schemas.camera_kind import CAMERA_KINDS, CameraKindName
+from schemas.camera_kind import CameraKindName
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,7 @@ class DeviceOptions:
     striker: str = "dynamixel"
     """kind of striker: dynamixel or serial"""
     camera: CameraKindName = "gige"
-    """kind of camera: gige or v4l2"""
+    """kind of camera"""
 
 
 @dataclass(frozen=True)
@@ -62,9 +65,13 @@ class Devices:
 
     @property
     def camera_address(self) -> str:
-        """Address of the camera, as the rig file gives it: IP address, or path of the video device."""
-        on_network = CAMERA_KINDS[self.options.camera].on_network
-        return self.options.address if on_network else str(self.folder / VIDEO_NAME)
+        """Address of the camera, as the rig file gives it: IP address, video device or device id."""
+        return camera_address(self.options.camera, self.options.address, self.folder, self.options.seed)
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """Environment variables of the programs that use the camera, beside the usual ones."""
+        return library_environment(self.folder / USB_FOLDER) if self.options.camera == "usb3" else {}
 
     @contextlib.contextmanager
     def world(self, rig_path: Path, recordings: Path | None = None) -> Iterator[None]:
@@ -141,11 +148,27 @@ def prepare_devices(options: DeviceOptions, folder: Path) -> Devices:
     return Devices(options, folder, own.virtual, own.object_path, own.notes)
 
 
+def camera_address(kind: CameraKindName, address: str, folder: Path, seed: int) -> str:
+    """Address of a virtual camera, as a rig file gives it.
+
+    Args:
+        kind: kind of camera.
+        address: loopback address of a GigE camera.
+        folder: folder of the rig's files.
+        seed: seed of the rig, which is in the serial number.
+    """
+    places = {"gige": address, "v4l2": str(folder / VIDEO_NAME), "usb3": device_id(usb3_serial(seed))}
+    return places[kind]
+
+
 _SPEEDS = {"serial": f"\nspeed_range_m_s = [{SLOWEST_MM_S / 1000}, {FASTEST_MM_S / 1000}]"}
 """line of section [striker] with the speeds, by kind of striker; none where they follow from the arm"""
 
 
-_CAMERAS = {"v4l2": '\nkind = "v4l2"\ntimestamp_at = "exposure_start"'}
+_CAMERAS = {
+    "usb3": '\nkind = "usb3"',
+    "v4l2": '\nkind = "v4l2"\ntimestamp_at = "exposure_start"',
+}
 """lines of section [camera] with kind and stamp, by kind; none for GigE, as in most rig files"""
 
 

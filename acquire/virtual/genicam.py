@@ -1,11 +1,12 @@
-"""Descriptions of cameras (GenICam XML) for Aravis's fake camera, whose registers they name as makers do.
+"""Descriptions of cameras (GenICam XML), which name the registers of virtual cameras as makers do.
 
-Source: GenICam Standard, GenApi schema 1.0; registers of the fake camera: Aravis 0.8.26, arvfakecamera.c.
+Source: GenICam Standard, GenApi schema 1.0.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Literal
 from xml.etree import ElementTree as ET
 
 _NAMESPACE = "http://www.genicam.org/GenApi/Version_1_0"
@@ -17,12 +18,15 @@ class Description:
     Args:
         vendor: name of the maker.
         model: name of the model.
+        transport: GEV (GigE Vision), whose registers have the most significant byte first, or U3V (USB3
+            Vision), where it is last.
     """
 
-    def __init__(self, vendor: str, model: str) -> None:
+    def __init__(self, vendor: str, model: str, transport: Literal["GEV", "U3V"] = "GEV") -> None:
+        self._order = "BigEndian" if transport == "GEV" else "LittleEndian"
         versions = {f"Schema{part}Version": "1" for part in ("Major", "Minor", "SubMinor")}
         versions |= {f"{part}Version": "1" for part in ("Major", "Minor", "SubMinor")}
-        names = {"ModelName": _word(model), "VendorName": _word(vendor), "StandardNameSpace": "GEV"}
+        names = {"ModelName": _word(model), "VendorName": _word(vendor), "StandardNameSpace": transport}
         self._root = ET.Element(
             "RegisterDescription",
             {**names, **versions, "ProductGuid": "0", "VersionGuid": "0", "xmlns": _NAMESPACE},
@@ -40,18 +44,24 @@ class Description:
         _lock(node, lock)
         _children(node, pValue=self._register(name, address), Min=low, Max=high, Inc=step)
 
-    def number(self, name: str, address: int, bounds: tuple[float, float], to: str, back: str) -> None:
+    def counter(self, name: str, address: int) -> None:
+        """Add an integer of 64 bits that can only be read."""
+        node = self._feature("Integer", name)
+        _children(node, pValue=self._register(name, address, length=8, access="RO"))
+
+    def number(self, name: str, address: int, bounds: tuple[float, float | str], to: str, back: str) -> None:
         """Add a number that an integer register holds in other units.
 
         Args:
             name: name of the feature.
             address: its register, an integer.
-            bounds: smallest and largest value.
+            bounds: smallest and largest value; the largest may be the name of a formula.
             to: formula of the register's value, of FROM.
             back: formula of the number, of TO.
         """
         node = self._feature("Float", name)
-        _children(node, pValue=f"{name}Converter", Min=bounds[0], Max=bounds[1])
+        highest = {"pMax" if isinstance(bounds[1], str) else "Max": bounds[1]}
+        _children(node, pValue=f"{name}Converter", Min=bounds[0], **highest)
         converter = ET.SubElement(self._root, "Converter", Name=f"{name}Converter")
         _children(converter, FormulaTo=to, FormulaFrom=back, pValue=f"{name}Integer")
         # With bounds, so that the formulas are not taken at 0.
@@ -63,8 +73,15 @@ class Description:
         node = self._feature("Command", name)
         register = ET.SubElement(self._root, "MaskedIntReg", Name=f"{name}Register")
         _children(register, Address=hex(address), Length=4, AccessMode="RW", pPort="Device", Bit=bit)
-        _children(register, Sign="Unsigned", Endianess="BigEndian")
+        _children(register, Sign="Unsigned", Endianess=self._order)
         _children(node, pValue=f"{name}Register", CommandValue=1)
+
+    def formula(self, name: str, formula: str, variables: Mapping[str, str]) -> None:
+        """Add a number for other features, of variables that stand for features or registers."""
+        node = ET.SubElement(self._root, "SwissKnife", Name=name)
+        for variable, of in variables.items():
+            ET.SubElement(node, "pVariable", Name=variable).text = of
+        _children(node, Formula=formula)
 
     def product(self, name: str, first: str, second: str) -> None:
         """Add an integer that is the product of two others and can only be read."""
@@ -108,16 +125,16 @@ class Description:
         ET.SubElement(self._category, "pFeature").text = name
         return ET.SubElement(self._root, kind, Name=name)
 
-    def _register(self, name: str, address: int) -> str:
+    def _register(self, name: str, address: int, length: int = 4, access: str = "RW") -> str:
         node = ET.SubElement(self._root, "IntReg", Name=f"{name}Register")
         _children(
             node,
             Address=hex(address),
-            Length=4,
-            AccessMode="RW",
+            Length=length,
+            AccessMode=access,
             pPort="Device",
             Sign="Unsigned",
-            Endianess="BigEndian",
+            Endianess=self._order,
         )
         return f"{name}Register"
 

@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -118,7 +118,9 @@ def interruptible() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def running_process(name: str, folder: Path, module: str, *arguments: str) -> Iterator[dict[str, Any]]:
+def running_process(
+    name: str, folder: Path, module: str, *arguments: str, environment: Mapping[str, str] | None = None
+) -> Iterator[dict[str, Any]]:
     """Run a process of the virtual rig during the block; yield the JSON object that it prints when ready.
 
     It runs in its own terminal session, so that this process handles Ctrl-C and ends the processes in the
@@ -131,6 +133,7 @@ def running_process(name: str, folder: Path, module: str, *arguments: str) -> It
         folder: folder of that file.
         module: Python module to run.
         *arguments: its command line.
+        environment: environment variables that it has beside those of this process.
 
     Raises:
         AcquireError: the process was not ready after START_S (60 s), or ended before; the message then holds
@@ -146,6 +149,7 @@ def running_process(name: str, folder: Path, module: str, *arguments: str) -> It
             stderr=errors,
             text=True,
             start_new_session=True,
+            env=os.environ | (environment or {}),
         )
     ready = False
     try:

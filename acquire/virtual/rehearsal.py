@@ -136,6 +136,7 @@ def _instructions(devices: Devices, object_path: Path, rig_path: Path, port: str
         f"virtual rig: camera at {devices.camera_address}, striker at {port}",
         f"rig file: {rig_path}",
         "It runs until Ctrl-C. In other terminals:",
+        *(f"  export {name}={shlex.quote(value)}" for name, value in devices.environment.items()),
         f"  acquire check {rig}",
         f"  acquire run {rig}",
         f"  analyze plan {thing} --rig {rig} --strikes 3 -o {plan}",

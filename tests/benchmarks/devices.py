@@ -7,7 +7,7 @@ the striker board, is one strike and one stop; the cameras stream for two second
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -15,10 +15,9 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
-from acquire.camera.aravis import AravisCamera
 from acquire.camera.base import Camera
 from acquire.camera.discovery import identify_camera
-from acquire.camera.factory import make_camera
+from acquire.camera.factory import discover_cameras, make_camera
 from acquire.camera.v4l2_discovery import list_v4l2_cameras
 from acquire.clock.clock import SystemClock
 from acquire.errors import AcquireError
@@ -26,6 +25,8 @@ from acquire.preflight.stamps import measure_stamp
 from acquire.virtual.camera_makes import MAKES, CameraMake
 from acquire.virtual.gige_camera import VirtualGigeCamera
 from acquire.virtual.gige_faults import USUAL, CameraHabits, GigeFaults
+from acquire.virtual.usb3_features import Usb3Habits, device_id
+from acquire.virtual.usb_device import ACCESS
 from schemas.camera_kind import CAMERA_KINDS
 from schemas.rig import CameraConfig
 from tests.acquire.camera.video_device import pattern_video
@@ -33,6 +34,7 @@ from tests.acquire.capture.synthetic_rig import CALIBRATION
 from tests.acquire.virtual.pattern_source import PatternSource
 from tests.benchmarks.device_boards import board_rows
 from tests.benchmarks.device_servos import STEPS, servo_rows
+from tests.usb_bus import SERIAL, bus_folder, pattern_usb3
 
 ADDRESS = "127.0.0.93"
 FRAMES = 240
@@ -42,6 +44,14 @@ FAULTS = {
     "left streaming": GigeFaults(left_streaming=True),
     "hides its clock's frequency": GigeFaults(hides_ticks=True),
     "network of 1500 B": GigeFaults(mtu=1500),
+}
+USB3 = {
+    "USB3 Vision": Usb3Habits(),
+    "USB3 Vision, left streaming, end stamped": Usb3Habits(left_streaming=True, stamps_end=True),
+    "USB3 Vision, limited to 20 MB/s": Usb3Habits(limit_bytes_s=20_000_000),
+    "USB3 Vision, limit locked": Usb3Habits(limit_bytes_s=20_000_000, limit_locked=True),
+    "USB3 Vision, may not be opened": Usb3Habits(open_status=ACCESS),
+    "USB3 Vision, loses trailers": Usb3Habits(lacks_trailer_every=60),
 }
 
 
@@ -53,13 +63,15 @@ def camera_rows() -> Iterator[tuple[str, dict[str, str]]]:
     for name, faults in FAULTS.items():
         yield f"Mako, {name}", _row(CameraHabits(make=MAKES["mako"], faults=faults))
     yield "Blackfly S, left streaming and locked", _row(CameraHabits(make=MAKES["blackfly-s"], faults=LOCKED))
+    for name, usb_habits in USB3.items():
+        yield name, _usb_row(usb_habits)
     with TemporaryDirectory() as folder:
         for pixel_format in CAMERA_KINDS["v4l2"].pixel_formats:
             yield f"webcam (V4L2), {pixel_format}", _webcam_row(Path(folder), pixel_format)
 
 
 def _webcam_row(folder: Path, pixel_format: str) -> dict[str, str]:
-    clock, address = SystemClock(), folder / "video0"
+    address = folder / "video0"
     config = CameraConfig.model_validate(
         {
             "kind": "v4l2",
@@ -72,9 +84,17 @@ def _webcam_row(folder: Path, pixel_format: str) -> dict[str, str]:
     try:
         with pattern_video(address):
             found = {"discover": "; ".join(camera.model for camera in list_v4l2_cameras(folder))}
-            return found | _used(lambda each: make_camera(each, clock), config, "exposure_start")
+            return found | _used(config, "exposure_start")
     except pytest.skip.Exception as reason:
         return {"discover": f"not run: {reason}"}
+
+
+def _usb_row(habits: Usb3Habits) -> dict[str, str]:
+    with pattern_usb3(habits):
+        names = [camera.model for camera in discover_cameras()[0] if camera.kind == "usb3"]
+        found = {"discover": ", ".join(names) or "nothing answers"}
+        config = CameraConfig(kind="usb3", address=device_id(SERIAL), buffers=64, calibration=CALIBRATION)
+        return found | _used(config, "exposure_end" if habits.stamps_end else "exposure_start")
 
 
 def _row(habits: CameraHabits) -> dict[str, str]:
@@ -84,18 +104,20 @@ def _row(habits: CameraHabits) -> dict[str, str]:
         identity = identify_camera(ADDRESS)
         found = {"discover": "nothing answers" if identity is None else identity.model}
         config = CameraConfig(address=ADDRESS, buffers=64, calibration=CALIBRATION)
-        return found | _used(lambda each: AravisCamera(each, clock), config, _stated(habits.make))
+        return found | _used(config, _stated(habits.make))
     finally:
         server.close()
 
 
-def _used(make: Callable[[CameraConfig], Camera], config: CameraConfig, stated: str) -> dict[str, str]:
-    """What opening, two seconds of images and the check of the stamps gave; `stated` is the true instant."""
+def _used(config: CameraConfig, stated: str) -> dict[str, str]:
+    """Results of opening, streaming and measuring the stamp, beside the instant that the camera stamps."""
+    clock = SystemClock()
+    found: dict[str, str] = {}
     try:
-        found = _streamed(make(config))
-        slope = measure_stamp(make, config)
+        found |= _streamed(make_camera(config, clock))
+        slope = measure_stamp(lambda each: make_camera(each, clock), config)
     except AcquireError as error:
-        return {"open": f"refused: {error}"}
+        return found | {"open": f"refused: {error}"}
     return found | {"stamps": "unknown: no clock" if slope is None else f"slope {slope:.2f} ({stated})"}
 
 
@@ -122,6 +144,7 @@ def _stated(make: CameraMake | None) -> str:
 
 def main() -> None:
     """Print both tables."""
+    bus_folder()  # before Aravis is loaded
     strikers = itertools.chain(servo_rows(), board_rows())
     for title, steps, rows in (("camera", CAMERA_STEPS, camera_rows()), ("striker", STEPS, strikers)):
         table = Table(title, *steps)

@@ -25,12 +25,14 @@ from acquire.frames.frame import Frame
 from acquire.virtual.camera_makes import MAKES
 from acquire.virtual.gige_camera import VirtualGigeCamera
 from acquire.virtual.gige_faults import USUAL, CameraHabits
+from acquire.virtual.usb3_features import device_id
 from schemas.camera_kind import CameraKindName
 from schemas.rig import CameraConfig, RigConfig
 from schemas.session_manifest import CameraCalibrationSpec
 from tests.acquire.camera.video_device import pattern_video
 from tests.acquire.virtual.pattern_source import PatternSource
 from tests.loopback import loopback
+from tests.usb_bus import SERIAL, pattern_usb3
 
 ADDRESS = loopback(61)
 CLOSE_S = 12.0
@@ -66,8 +68,14 @@ def virtual_video(folder: Path) -> Iterator[CameraConfig]:
         yield config(str(folder / "video0"), "v4l2")
 
 
+@contextmanager
+def virtual_usb3() -> Iterator[CameraConfig]:
+    with pattern_usb3():
+        yield config(device_id(SERIAL), "usb3")
+
+
 REAL = pytest.param("real", marks=pytest.mark.hardware)
-KINDS = ("gige", "v4l2", REAL)
+KINDS = ("gige", pytest.param("usb3", marks=pytest.mark.usb_bus), "v4l2", REAL)
 
 
 @pytest.fixture(scope="module", params=[*KINDS, *MAKES])
@@ -78,11 +86,13 @@ def virtual(
     if request.param == "real":
         yield None
         return
-    with (
-        virtual_video(tmp_path_factory.mktemp("video"))
-        if request.param == "v4l2"
-        else virtual_gige(CameraHabits(make=MAKES[request.param]) if request.param in MAKES else USUAL)
-    ) as found:
+    if request.param == "v4l2":
+        opened = virtual_video(tmp_path_factory.mktemp("video"))
+    elif request.param == "usb3":
+        opened = virtual_usb3()
+    else:
+        opened = virtual_gige(CameraHabits(make=MAKES[request.param]) if request.param in MAKES else USUAL)
+    with opened as found:
         yield found
 
 

@@ -13,7 +13,7 @@ import pytest
 from tests.places import ROOT
 
 UNIT, RULES = ROOT / "docs/percuss.service", ROOT / "docs/99-percuss.rules"
-MATCHES = {"ACTION", "SUBSYSTEM", "DRIVER", "ATTRS"}
+MATCHES = {"ACTION", "SUBSYSTEM", "DRIVER", "ATTRS", "ENV"}
 ASSIGNMENTS = {"ATTR", "GROUP", "MODE", "SYMLINK", "ENV"}
 
 

@@ -19,11 +19,12 @@ from acquire.session.runner import Progress, SessionRunner
 from acquire.session.session_input import SessionInput
 from acquire.session.session_report import SessionReport
 from acquire.virtual.arm_devices import ARM_DEVICES
-from acquire.virtual.devices import rig_toml
+from acquire.virtual.devices import camera_address, rig_toml
 from acquire.virtual.objects import load_object
 from acquire.virtual.operator import VirtualOperator
 from acquire.virtual.station import calibration_sheet
-from acquire.virtual.video_camera import NAME
+from acquire.virtual.usb_library import FOLDER, library_environment
+from schemas.camera_kind import CameraKindName
 from tests.acquire.virtual.world_link import WorldLink
 from tests.loopback import loopback
 from tests.system.fault_rig import Daemon
@@ -54,7 +55,7 @@ class SessionRig:
     striker: str = "dynamixel"
     strikes: int = 3
     """number of planned strikes"""
-    camera_kind: str = "gige"
+    camera_kind: CameraKindName = "gige"
 
     def __post_init__(self) -> None:
         thing = load_object(OBJECT, SEED)
@@ -66,8 +67,7 @@ class SessionRig:
         rig = self.folder / "d.toml"
         sheet = calibration_sheet(SEED)
         port = self.folder / ("ttyBoard" if arm == "serial" else "ttyDXL")
-        addresses = {"gige": ADDRESS, "v4l2": str(self.folder / NAME)}
-        address = addresses[self.camera_kind]
+        address = camera_address(self.camera_kind, ADDRESS, self.folder, SEED)
         socket = self.folder / "d" / "d.sock"
         rig.write_text(rig_toml(sheet, address, str(port), socket, self.striker, self.camera_kind))
         self.camera = self.start_camera()
@@ -83,7 +83,8 @@ class SessionRig:
         subprocess.run(
             [sys.executable, "-m", "analyze", "plan", *plan], check=True, stdout=subprocess.DEVNULL
         )
-        self.daemon = Daemon(rig)
+        usb = library_environment(self.folder / FOLDER) if self.camera_kind == "usb3" else {}
+        self.daemon = Daemon(rig, **usb)
         self.cleanup.callback(self.daemon.end)
         assert self.daemon.ready, self.daemon.complaints
 
@@ -117,7 +118,7 @@ class SessionRig:
 
 @contextlib.contextmanager
 def session_rig(
-    striker: str = "dynamixel", strikes: int = 3, camera_kind: str = "gige"
+    striker: str = "dynamixel", strikes: int = 3, camera_kind: CameraKindName = "gige"
 ) -> Iterator[SessionRig]:
     """Yield a rig in a folder with a short name, because the path of a socket is limited."""
     with tempfile.TemporaryDirectory(prefix="ps-") as name, contextlib.ExitStack() as cleanup:

@@ -16,6 +16,7 @@ import pytest
 from click.testing import CliRunner
 
 from acquire.cli import main as acquire
+from acquire.virtual.usb3_features import device_id, usb3_serial
 from tests.loopback import loopback
 from tests.places import ROOT
 from tests.system.complaints import complaint, write
@@ -80,6 +81,36 @@ def test_the_commands_of_a_rig_work_on_the_virtual_devices(short_folder: Path) -
     score = json.loads(run("analyze", "score", recording, "--json"))
     assert score["centre_of_mass_error_m"] < 0.002
     assert {path.name for path in short_folder.iterdir()} == {"my box [1].toml", "my rig"}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(200)
+def test_a_usb_camera_is_discovered_and_checked_with_the_printed_environment(short_folder: Path) -> None:
+    rig = short_folder / "rig" / "rig.toml"
+    virtual = started(short_folder, "virtual", "--camera", "usb3", "--dir", rig.parent)
+    assert virtual.stdout is not None
+    environment = dict(os.environ)
+    for line in iter(virtual.stdout.readline, ""):
+        if line.startswith("  export "):
+            name, _, value = line.removeprefix("  export ").strip().partition("=")
+            environment[name] = value
+        if line.startswith("  analyze report"):
+            break
+    program = [sys.executable, "-m", "acquire"]
+    found = subprocess.run(
+        [*program, "discover"], env=environment, capture_output=True, text=True, check=True
+    )
+    assert f'{device_id(usb3_serial(1))} Percuss USB3-656 (VIRTUAL-1)  kind = "usb3"' in found.stdout
+    checked = subprocess.run(
+        [*program, "check", str(rig), "--json"], env=environment, capture_output=True, text=True, check=False
+    )
+    virtual.send_signal(signal.SIGINT)
+    assert virtual.wait(30) == 0
+    virtual.stdout.close()
+    lines = {line["name"]: line for line in json.loads(checked.stdout)["checks"]}
+    failed = {name for name, line in lines.items() if line["outcome"].lower() == "fail"}
+    assert failed <= {"frames", "disk speed"}  # a busy computer
+    assert "start of the exposure, as stated" in lines["camera stamp"]["found"]
 
 
 def test_a_rehearsal_that_cannot_begin(tmp_path: Path) -> None:
