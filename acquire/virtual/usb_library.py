@@ -35,8 +35,9 @@ def compile_library(folder: Path) -> Path:
     except FileNotFoundError:
         raise CameraError("the virtual USB camera needs a C compiler: install Debian's gcc") from None
     if done.returncode != 0:
+        reason = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[0]
         raise CameraError(
-            f"the virtual USB camera's library cannot be compiled ({done.stderr.strip().splitlines()[0]}): "
+            f"the virtual USB camera's library cannot be compiled ({reason}): "
             "install Debian's gcc and libc6-dev"
         )
     return path

@@ -86,7 +86,7 @@ def test_frames_are_byte_exact_periodic_and_none_is_lost(plugged, usb_config, bu
     assert camera.warnings == ()
     camera.start()
     last_ns = 0
-    for number in range(120):
+    for number in range(60):
         frame = next_frame(camera)
         start_ns, drawn = read_stamp(frame.image)
         assert (drawn, frame.sequence, frame.frame_id, frame.lost_before) == (number, number, number, 0)
@@ -184,7 +184,7 @@ def test_frames_that_arrive_damaged_are_counted_as_lost(usb_config, fault: str, 
         camera = opened(usb_config(buffers=buffers))
         camera.start()
         lost, numbers = 0, []
-        while not numbers or numbers[-1] < 65:
+        while not numbers or numbers[-1] < 35:
             frame = next_frame(camera)
             numbers.append(frame.frame_id)
             lost += frame.lost_before
@@ -192,7 +192,7 @@ def test_frames_that_arrive_damaged_are_counted_as_lost(usb_config, fault: str, 
             frame.buffer.release()
         camera.close()
     assert lost == sum(after - before - 1 for before, after in pairwise(numbers))
-    assert 6 <= lost <= 12  # a missing trailer may take the next frame with it
+    assert 3 <= lost <= 6  # a missing trailer may take the next frame with it
 
 
 def test_a_camera_whose_frames_all_arrive_damaged_is_lost_with_that_reason(usb_config) -> None:
