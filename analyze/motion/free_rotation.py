@@ -106,7 +106,7 @@ def fit_rotations(flights: Sequence[Flight]) -> FreeRotation:
     whole, right = (each.sum(axis=0) for each in per_throw)
     without = np.array(
         [
-            tensor_ratios(_inertia(shape + np.linalg.solve(whole - normal, right - level)))
+            tensor_ratios(_inertia(shape + _solve(whole - normal, right - level)))
             for normal, level in zip(*per_throw, strict=True)
         ]
     )
@@ -118,7 +118,7 @@ def fit_rotations(flights: Sequence[Flight]) -> FreeRotation:
     return FreeRotation(
         entries,
         jackknife_covariance(without),
-        group_freedom(by_shape @ np.linalg.inv(whole), per_throw[0]),
+        group_freedom(by_shape @ _inverse(whole), per_throw[0]),
         len(flights),
         float(np.sqrt(np.median(squares / problem.counts))),
     )
@@ -152,10 +152,18 @@ def _robust_step(
             raise EstimationError(
                 f"{len(weight)} flights do not determine the inertia's ratios: throw so that the body tumbles"
             )
-        before, step = step, np.linalg.solve(normal, weight @ rights)
+        before, step = step, _solve(normal, weight @ rights)
         if np.max(np.abs(step - before)) < 1e-8:
             break
     return step, weight
+
+
+def _solve(matrix: Array, right: Array) -> Array:
+    return np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
+
+
+def _inverse(matrix: Array) -> Array:
+    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
 
 
 def _inertia(shape: Array) -> Array:
@@ -195,14 +203,14 @@ class _Problem:
         """
         residual, jacobian = self._linearised(shape)
         local = jacobian[..., :_LOCAL]
-        step = np.linalg.solve(
+        step = _solve(
             np.einsum("fri,frj->fij", local, local), -np.einsum("fri,fr->fi", local, residual)[..., None]
         )[..., 0]
         self._attitude = _turned(self._attitude, step[:, :3])
         self._spin = self._spin + step[:, 3:]
         residual, jacobian = self._linearised(shape)
         local, shared = jacobian[..., :_LOCAL], jacobian[..., _LOCAL:]
-        own = np.linalg.inv(np.einsum("fri,frj->fij", local, local))
+        own = _inverse(np.einsum("fri,frj->fij", local, local))
         mixed = np.einsum("fri,frj->fij", local, shared)
         level = np.einsum("fri,fr->fi", local, residual)
         normals = np.einsum("fri,frj->fij", shared, shared) - np.einsum("fki,fkl,flj->fij", mixed, own, mixed)
@@ -239,7 +247,7 @@ def _free_rotation(attitude: Array, spin: Array, inertia: Array, time: Array) ->
         inertia: (v, 3, 3) tensor in O, up to its factor.
         time: (f, n) times [s]; equal ones at the end of a shorter flight.
     """
-    inverse = np.linalg.inv(inertia)
+    inverse = _inverse(inertia)
 
     def rates(q: Array, w: Array) -> tuple[Array, Array]:
         momentum = np.einsum("vij,vfj->vfi", inertia, w)
