@@ -145,11 +145,6 @@ def close_connection(connection: Connection, lost: bool) -> None:
     connection.buffers = []
 
 
-def release_frames(error: BaseException) -> None:
-    """Drop the traceback of an exception, whose functions' local variables would keep the camera open."""
-    error.__traceback__ = error.__context__ = None
-
-
 def reason(error: Any) -> str:
     """Message of a GLib error as one line of text; "no reason given" if it is empty."""
     return str(error.message).strip().replace("\n", " ") or "no reason given"
