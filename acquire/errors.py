@@ -119,3 +119,8 @@ def by_name(name: str, otherwise: type[AcquireError] = AcquireError) -> type[Acq
     """
     found = globals().get(name)
     return found if isinstance(found, type) and issubclass(found, AcquireError) else otherwise
+
+
+def drop_traceback(error: BaseException) -> None:
+    """Remove the traceback of an exception: its functions' local variables would keep a device open."""
+    error.__traceback__ = error.__context__ = None

@@ -6,20 +6,13 @@ import threading
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
 
-from acquire.camera.aravis_library import (
-    Connection,
-    aravis_and_glib,
-    close_connection,
-    drain,
-    reason,
-    release_frames,
-)
+from acquire.camera.aravis_library import Connection, aravis_and_glib, close_connection, drain, reason
 from acquire.camera.aravis_link import AravisLink, GigeLink
 from acquire.camera.base import Camera, CameraInfo
 from acquire.camera.frame_loss import FrameLoss
 from acquire.camera.settings import write_settings
 from acquire.clock.reading import ClockReading
-from acquire.errors import CameraError, CameraLost
+from acquire.errors import CameraError, CameraLost, drop_traceback
 from acquire.frames.buffer_pool import BufferPool
 from acquire.frames.frame import Frame
 from schemas.wording import counted
@@ -32,10 +25,8 @@ if TYPE_CHECKING:
 _POP_TIMEOUT_US = 100_000
 _CLOSE_JOIN_S = 1.0
 OPEN_S = 20.0
-"""longest time for connecting and all settings [s]
-
-The work takes a quarter of a second; each missing answer costs 2.5 s, and there may be six of them.
-"""
+"""longest time for connecting and all settings [s]: the work takes a quarter of a second, and each of up to
+six missing answers 2.5 s"""
 _CLOCK_JUMP_S = 5.0
 """change of device time against host time between two frames [s] that no delay explains: the camera's clock
 was set, or it restarted"""
@@ -169,7 +160,7 @@ class AravisCamera(Camera):
         except (GLib.Error, CameraError) as error:
             connection = Connection(camera, device, None, handler, [], None)
             camera = device = None
-            release_frames(error)
+            drop_traceback(error)
             self._close_in_background(connection)
             if isinstance(error, CameraError):
                 raise

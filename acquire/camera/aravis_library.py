@@ -6,6 +6,7 @@ This is the only module that imports gi.
 from __future__ import annotations
 
 import gc
+import warnings
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -42,6 +43,8 @@ def aravis_and_glib() -> tuple[Any, Any]:
             f"Aravis cannot be loaded ({error}): "
             f"install Debian's gir1.2-aravis-0.8, then {extra_command('rig')}"
         ) from None
+    # A USB camera that cannot be opened: Aravis 0.8.26 joins a thread that was never started (3c217bfac).
+    warnings.filterwarnings("ignore", message="g_thread_join")
     return Aravis, GLib
 
 
@@ -143,11 +146,6 @@ def close_connection(connection: Connection, lost: bool) -> None:
     connection.camera = connection.device = None
     gc.collect()
     connection.buffers = []
-
-
-def release_frames(error: BaseException) -> None:
-    """Drop the traceback of an exception, whose functions' local variables would keep the camera open."""
-    error.__traceback__ = error.__context__ = None
 
 
 def reason(error: Any) -> str:

@@ -196,8 +196,10 @@ def _bandwidth_limit(camera: Any) -> int | None:
 def _rate_remedy(camera: Any, config: CameraConfig) -> str:
     """What to do if the camera does not take the frame rate."""
     limit = _bandwidth_limit(camera)
+    if limit is None:
+        return DEFAULT_REMEDY
     payload = camera.get_payload()
-    if limit is None or payload * config.frame_rate_hz <= limit:
+    if payload * config.frame_rate_hz <= limit:
         return DEFAULT_REMEDY
     return (
         f"the camera limits its images to {limit * 1e-6:.0f} MB/s ({LIMIT}), which are {limit / payload:.0f} "

@@ -37,7 +37,7 @@ VENDOR: Final = "Percuss"
 
 @dataclass(frozen=True)
 class Usb3Habits:
-    """What differs among cameras, and what is wrong with one."""
+    """Properties of a camera that differ among makes, and its faults."""
 
     vendor: str = VENDOR
     model: str = "USB3-656"
@@ -79,7 +79,7 @@ def device_id(serial: str, vendor: str = VENDOR) -> str:
 
 
 def first_values(habits: Usb3Habits, width: int, height: int) -> dict[int, int]:
-    """Values of the registers of a camera that was used before, by address, with its sensor's size [px]."""
+    """Values of a used camera's registers by address; `width` and `height` are those of its sensor [px]."""
     sizes = {SENSOR_WIDTH: width, SENSOR_HEIGHT: height, WIDTH: width, HEIGHT: height}
     timing = {EXPOSURE_US: 5000, PERIOD_US: 20_000, GAIN: 1, EXPOSURE_AUTO: 1, GAIN_AUTO: 1}
     limit = {LIMIT: habits.limit_bytes_s, LIMIT_MODE: 1}
@@ -87,7 +87,7 @@ def first_values(habits: Usb3Habits, width: int, height: int) -> dict[int, int]:
 
 
 def description(habits: Usb3Habits, width: int, height: int) -> str:
-    """Description of the camera (GenICam XML), with its sensor's size [px]."""
+    """Description of the camera (GenICam XML); `width` and `height` are those of its sensor [px]."""
     made = Description(habits.vendor, habits.model, "U3V")
     for name, address in TEXTS.items():
         made.text(name, address, TEXT_BYTES)
