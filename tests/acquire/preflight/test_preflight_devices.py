@@ -113,7 +113,8 @@ def test_check_uses_the_daemon_which_notifies_its_service_manager(tmp_path: Path
             words.append(manager.recv(1000))
         assert set(words[:-1]) <= {b"WATCHDOG=1"}
         assert daemon.returncode == 0
-    assert failures <= THIS_COMPUTERS_OWN | THIS_KERNELS, {name: checks[name] for name in failures}
+    not_made = THIS_KERNELS | {"frame times"}  # it sets two exposures: not while a daemon holds the camera
+    assert failures <= THIS_COMPUTERS_OWN | not_made, {name: checks[name] for name in failures}
     assert f"pid {daemon.pid}" in checks["daemon"]["found"]
     assert checks["marker"]["measured"]["value"] == pytest.approx(EDGE_PX, abs=1.0)
     assert checks["servo"]["found"] == "held by the daemon, disarmed"

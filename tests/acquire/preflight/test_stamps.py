@@ -66,6 +66,7 @@ def test_the_instant_is_found_out(make: str, slope: float) -> None:
         (-2.0, "exposure_start", Outcome.FAIL, "neither start nor end"),
         (1.9, "exposure_end", Outcome.FAIL, "neither start nor end"),
         (None, "exposure_start", Outcome.NOT_CHECKED, "clock cannot be read"),
+        (float("nan"), "exposure_start", Outcome.NOT_CHECKED, "too unevenly"),
         (CameraSettingError("exposure"), "exposure_start", Outcome.NOT_CHECKED, "two exposures"),
     ],
 )

@@ -133,7 +133,7 @@ export function signFor(snapshot, verdictIsNew) {
 export function startObstacle(snapshot) {
   if (!snapshot.daemon?.running) return "Start the rig first.";
   if (isRunning(snapshot.session)) return "A session is running.";
-  if (snapshot.stop?.stopped || snapshot.striker?.state === "fault") return "Home the striker first.";
+  if (snapshot.stop?.stopped) return "Home the striker first.";
   if (snapshot.check?.running) return "The check is running.";
   return "";
 }

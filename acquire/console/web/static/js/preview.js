@@ -16,7 +16,7 @@ export class Preview {
     this.wanted = false;
     this.retry = null;
     image.addEventListener("error", () => this.#failed());
-    image.addEventListener("load", () => show(this.absent, !this.wanted));
+    image.addEventListener("load", () => show(this.absent, !this.live));
     document.addEventListener("visibilitychange", () => this.#apply());
   }
 
@@ -38,7 +38,7 @@ export class Preview {
       this.image.setAttribute("src", URL_LIVE);
     if (!load) setAttribute(this.image, "src", null);
     show(this.image, load && this.image.hasAttribute("src"));
-    show(this.absent, !this.wanted);
+    show(this.absent, !this.live);
   }
 
   #failed() {
