@@ -107,7 +107,7 @@ def arm(length: float) -> RigPart:
             Dimension("front", (length, 0.0), (length, high / 2), -TIP / 2 - 6.0),
             Dimension("front", (0.0, 0.0), (length, 0.0), -10.0),
         ),
-        f"4 M3 x 18 on a circle of {HUB_CIRCLE:g} mm; M4 x 50 through the tip",
+        f"4 M3 x 18 on a circle of {HUB_CIRCLE:g} mm; M4 through the tip",
     )
 
 
