@@ -53,8 +53,7 @@ def start_session(page: Page, bench: Bench, *, until: bool = False) -> None:
     """Start rig, check and session by the main button; `until`: with a target."""
     press_main(page, "Start the rig")
     wait(page, lambda: page.locator("#no-daemon").is_hidden())
-    if "heck" in page.locator("#action-label").inner_text():
-        page.keyboard.press("Enter")
+    press_main(page, "Check")
     wait(page, lambda: "Start" in page.locator("#action-label").inner_text(), 90.0)
     with bench.client() as looks_on:
         wait(page, lambda: looks_on.state().check.passed is not None, 90.0)

@@ -31,11 +31,11 @@ SLOW_S: Final = 2.0
 """interval between two looks at folders and disk [s]"""
 BEGIN_S: Final = 60.0
 """longest wait for a started session to open its recording [s]"""
+SETTLE_S: Final = 3.0
+"""longest wait for a check that has ended to close the recording that it made [s]"""
 END_S: Final = 20.0
 """longest wait for a stopped session to close its recording [s]"""
 STOP_PATIENCE_S: Final = 2.0
-MARKS: Final = {"pass": "pass", "fail": "fail", "not checked": "skip"}
-"""marks of the outcomes that `acquire check` reports"""
 
 
 class RigConsole:
@@ -164,12 +164,9 @@ class RigConsole:
         Raises:
             Refusal: that session is still ending.
         """
-        _wait(
-            lambda: self._link.report.status is None or self._link.report.status["recording"] is None, END_S
-        )
-        status = self._link.call("status")
-        if status["recording"] is not None:
+        if not self._is_free(END_S):
             raise Refusal(409, "SessionOpen", "the session is still ending", "wait for its end, then home")
+        status = self._link.call("status")
         self._link.call("striker.home", stops_seen=status["stops"])
 
     def start_daemon(self) -> None:
@@ -205,10 +202,9 @@ class RigConsole:
             AcquireError: the session's program ended; the message is what it printed.
         """
         with self._one_start():
-            status = self._link.report.status
-            if status is None:
+            if self._link.report.status is None:
                 raise Refusal(409, "NoDaemon", "no daemon runs", "start the daemon first")
-            if status["recording"] is not None:
+            if not self._is_free(SETTLE_S):
                 raise Refusal(409, "SessionOpen", "a session is open", "wait for its end, or end it")
             note = self._note(order)
             thing, plan, name = self._listing.paths(order.object_id, order.plan_id)
@@ -325,6 +321,10 @@ class RigConsole:
         finally:
             self._starting.release()
 
+    def _is_free(self, timeout_s: float) -> bool:
+        """True once no recording is open at the daemon; False if one still is after a time [s]."""
+        return _wait(lambda: self._link.call("status")["recording"] is None, timeout_s)
+
     def _begin_check(self) -> None:
         if self._check is not None:
             self._check.close()
@@ -357,13 +357,8 @@ class RigConsole:
         return f"started by the operator although the check did not pass ({found}): {order.override.strip()}"
 
     def _add_check(self, line: dict[str, Any]) -> None:
-        shown = CheckLine(
-            name=str(line["name"]),
-            outcome=MARKS.get(str(line["outcome"]), "warn"),  # pyright: ignore[reportArgumentType]
-            text=str(line["found"]),
-            remedy=str(line["remedy"]),
-        )
-        self._check_view = CheckView(running=True, passed=None, lines=[*self._check_view.lines, shown])
+        lines = [*self._check_view.lines, view.check_line(line)]
+        self._check_view = CheckView(running=True, passed=None, lines=lines)
 
     def _end_check(self, passed: bool | None) -> None:
         lines = self._check_view.lines
@@ -394,7 +389,9 @@ class RigConsole:
                     self._free_bytes = shutil.disk_usage(folder).free
 
 
-def _wait(done: Callable[[], bool], timeout_s: float) -> None:
+def _wait(done: Callable[[], bool], timeout_s: float) -> bool:
+    """True once `done` does; False if it did not within a time [s]."""
     end_s = time.monotonic() + timeout_s
-    while not done() and time.monotonic() < end_s:
+    while not (found := done()) and time.monotonic() < end_s:
         time.sleep(0.05)
+    return found

@@ -11,6 +11,7 @@ from acquire.console.web.rig_link import RigReport
 from acquire.console.web.snapshot import (
     ArmedView,
     CameraView,
+    CheckLine,
     DiskView,
     PromptView,
     SessionView,
@@ -27,6 +28,8 @@ PLACED_DEG: Final = 2.0
 """turn up to which the object counts as in place [deg]"""
 STILL_S: Final = 0.5
 """time without such changes after which the hands count as off [s]"""
+MARKS: Final = {"pass": "pass", "fail": "fail", "not checked": "skip"}
+"""marks of the outcomes that `acquire check` reports"""
 USABLE: Final = frozenset(each.value for each in USABLE_VERDICTS)
 ARMED: Final = frozenset({"armed", "cocking", "settled"})
 POWERED: Final = ARMED | {"homed", "released", "contact", "miss", "catch", "verify"}
@@ -55,6 +58,16 @@ def camera_view(report: RigReport, rig: RigConfig, aids: ImageAids | None) -> Ca
         tag_px=None if tag_px is None else round(tag_px, 1),
         frames=int(status["frames"]),
         lost=int(status["lost"]) + int(status["dropped"]),
+    )
+
+
+def check_line(line: dict[str, Any]) -> CheckLine:
+    """Line of the preflight check, from its JSON object."""
+    return CheckLine(
+        name=str(line["name"]),
+        outcome=MARKS.get(str(line["outcome"]), "warn"),  # pyright: ignore[reportArgumentType]
+        text=str(line["found"]),
+        remedy=str(line["remedy"]),
     )
 
 
