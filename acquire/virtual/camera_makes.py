@@ -100,7 +100,15 @@ class CameraMake:
         made.product("PayloadSize", "Width", "Height")
         made.bit_command("GevSCPSFireTestPacket", PACKET_SIZE, 0)
         self._add_timing(made)
-        self._add_remembered(made)
+        made.remembered(
+            exposure_mode=EXPOSURE_MODE,
+            binning=(BINNING_X, BINNING_Y),
+            reverse_x=REVERSE_X,
+            gamma=GAMMA,
+            chunks=CHUNKS,
+            user_set=USER_SET,
+            load=USER_SET_LOAD,
+        )
         return made.xml()
 
     def _add_timing(self, made: Description) -> None:
@@ -119,16 +127,6 @@ class CameraMake:
         made.choice("TriggerSource", TRIGGER_SOURCE, {"Line1": 0, "Software": 1})
         if self.activation:
             made.choice("TriggerActivation", TRIGGER_ACTIVATION, {"RisingEdge": 0, "FallingEdge": 1})
-
-    def _add_remembered(self, made: Description) -> None:
-        made.choice("ExposureMode", EXPOSURE_MODE, {"Timed": 0, "TriggerWidth": 1})
-        made.integer("BinningHorizontal", BINNING_X, 1, 4)
-        made.integer("BinningVertical", BINNING_Y, 1, 4)
-        made.switch("ReverseX", REVERSE_X)
-        made.switch("GammaEnable", GAMMA)
-        made.switch("ChunkModeActive", CHUNKS)
-        made.choice("UserSetSelector", USER_SET, {"Default": 0, "UserSet1": 1})
-        made.command("UserSetLoad", USER_SET_LOAD, 1)
 
 
 USED: Final = {BINNING_X: 2, REVERSE_X: 1, GAMMA: 1, CHUNKS: 1}

@@ -115,6 +115,27 @@ class Description:
         node = self._feature("Command", name)
         _children(node, pValue=self._register(name, address), CommandValue=value)
 
+    def remembered(
+        self,
+        *,
+        exposure_mode: int,
+        binning: tuple[int, int],
+        reverse_x: int,
+        gamma: int,
+        chunks: int,
+        user_set: int,
+        load: int,
+    ) -> None:
+        """Add what cameras keep from one program to the next, at these addresses, and their user sets."""
+        self.choice("ExposureMode", exposure_mode, {"Timed": 0, "TriggerWidth": 1})
+        self.integer("BinningHorizontal", binning[0], 1, 4)
+        self.integer("BinningVertical", binning[1], 1, 4)
+        self.switch("ReverseX", reverse_x)
+        self.switch("GammaEnable", gamma)
+        self.switch("ChunkModeActive", chunks)
+        self.choice("UserSetSelector", user_set, {"Default": 0, "UserSet1": 1})
+        self.command("UserSetLoad", load, 1)
+
     def xml(self) -> str:
         """The description as XML."""
         if self._root.find("Port") is None:

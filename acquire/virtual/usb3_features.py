@@ -103,7 +103,15 @@ def description(habits: Usb3Habits, width: int, height: int) -> str:
     made.choice("AcquisitionMode", ACQUISITION_MODE, {"Continuous": 1, "SingleFrame": 2})
     made.product("PayloadSize", "Width", "Height")
     _add_timing(made, habits)
-    _add_remembered(made)
+    made.remembered(
+        exposure_mode=EXPOSURE_MODE,
+        binning=(BINNING_X, BINNING_Y),
+        reverse_x=REVERSE_X,
+        gamma=GAMMA,
+        chunks=CHUNKS,
+        user_set=USER_SET,
+        load=LOAD,
+    )
     return made.xml()
 
 
@@ -129,14 +137,3 @@ def _add_timing(made: Description, habits: Usb3Habits) -> None:
     if habits.latches:
         made.command("TimestampLatch", TIMESTAMP_LATCH, 1)
         made.counter("TimestampLatchValue", TIMESTAMP)
-
-
-def _add_remembered(made: Description) -> None:
-    made.choice("ExposureMode", EXPOSURE_MODE, {"Timed": 0, "TriggerWidth": 1})
-    made.integer("BinningHorizontal", BINNING_X, 1, 4)
-    made.integer("BinningVertical", BINNING_Y, 1, 4)
-    made.switch("ReverseX", REVERSE_X)
-    made.switch("GammaEnable", GAMMA)
-    made.switch("ChunkModeActive", CHUNKS)
-    made.choice("UserSetSelector", USER_SET, {"Default": 0, "UserSet1": 1})
-    made.command("UserSetLoad", LOAD, 1)
