@@ -1,8 +1,17 @@
-"""Statistics of a virtual camera, of whatever kind."""
+"""Statistics of a virtual camera, of whatever kind, and the rendering that they count."""
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from acquire.clock.clock import Clock
+    from acquire.virtual.image_source import ImageSource, StreamSettings
 
 
 @dataclass(frozen=True)
@@ -21,3 +30,42 @@ class CameraStatistics:
     """number of exposures whose image was ready more than two frame periods after their end"""
     latest_ms: float
     """largest delay [ms] of an image after the end of its exposure"""
+
+
+class CountedSource:
+    """Image source of a virtual camera that counts its images, and how late they are.
+
+    Args:
+        source: source of the images.
+        clock: the host's clock.
+    """
+
+    def __init__(self, source: ImageSource, clock: Clock) -> None:
+        self.frames = 0
+        """number of frames sent, counted by the camera"""
+        self._source, self._clock = source, clock
+        self._rendered = self._late = self._latest_ns = 0
+        self._render_s = 0.0
+
+    def image(self, start_ns: int, settings: StreamSettings, period_ns: int) -> NDArray[np.uint8]:
+        """Render the image whose exposure begins at `start_ns` (host monotonic) [ns], and count its delay.
+
+        Args:
+            start_ns: begin of the exposure.
+            settings: settings of the stream.
+            period_ns: frame period [ns].
+        """
+        began_s = time.perf_counter()
+        image = self._source.image(start_ns, settings)
+        self._render_s += time.perf_counter() - began_s
+        self._rendered += 1
+        delay_ns = self._clock.monotonic_ns() - start_ns - round(settings.exposure_us * 1e3)
+        self._latest_ns = max(self._latest_ns, delay_ns)
+        self._late += delay_ns > 2 * period_ns
+        return image
+
+    @property
+    def statistics(self) -> CameraStatistics:
+        """Statistics since the camera was made."""
+        mean_ms = 1e3 * self._render_s / max(self._rendered, 1)
+        return CameraStatistics(self.frames, mean_ms, self._late, self._latest_ns / 1e6)

@@ -14,7 +14,6 @@ import random
 import socket
 import tempfile
 import threading
-import time
 from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -24,7 +23,7 @@ import numpy as np
 from acquire.errors import CameraError
 from acquire.virtual import aravis_ctypes
 from acquire.virtual.camera_makes import DEFAULTS, TL_LOCK, TRIGGER_MODE
-from acquire.virtual.camera_statistics import CameraStatistics
+from acquire.virtual.camera_statistics import CameraStatistics, CountedSource
 from acquire.virtual.device_clock import DRIFT, DeviceClock
 from acquire.virtual.gige_faults import USUAL, CameraHabits
 from acquire.virtual.gige_interposer import ControlRelay, StreamRelay, Told
@@ -105,8 +104,8 @@ class VirtualGigeCamera:
         self._slots: deque[_Slot] = deque()
         self._streaming = self._closed = False
         self._run = 0
-        self._frames = self._rendered = self._late = self._latest_ns = self._wire_free_ns = 0
-        self._render_s = 0.0
+        self._wire_free_ns = 0
+        self._counted = CountedSource(source, clock)
         self._library = aravis_ctypes.load()
         control = claim_control_port(address, clock)
         try:
@@ -147,9 +146,7 @@ class VirtualGigeCamera:
 
         An image counts as late if it was rendered more than two frame periods after its exposure's end.
         """
-        return CameraStatistics(
-            self._frames, 1e3 * self._render_s / max(self._rendered, 1), self._late, self._latest_ns / 1e6
-        )
+        return self._counted.statistics
 
     def close(self) -> None:
         """Remove the camera from the network: end its threads and close its sockets. May be repeated.
@@ -278,11 +275,7 @@ class VirtualGigeCamera:
                 start_ns = self.device_clock.to_host(device_time_ns)
                 if not self._wait_until_covered(start_ns + exposure_ns, run):
                     break
-                began = time.perf_counter()
-                image = self._source.image(start_ns, settings)
-                self._render_s += time.perf_counter() - began
-                self._rendered += 1
-                self._count_delay(self._clock.monotonic_ns() - start_ns - exposure_ns, period_ns)
+                image = self._counted.image(start_ns, settings, period_ns)
                 stamp_ns = device_time_ns + exposure_ns * self._habits.stamps_end
                 self._queue(_Slot(stamp_ns, np.ascontiguousarray(image)), run)
                 device_time_ns += period_ns
@@ -293,11 +286,6 @@ class VirtualGigeCamera:
             if self._is_wanted(run):
                 self._slots.append(slot)
                 self._condition.notify_all()
-
-    def _count_delay(self, delay_ns: int, period_ns: int) -> None:
-        self._latest_ns = max(self._latest_ns, delay_ns)
-        if delay_ns > 2 * period_ns:
-            self._late += 1
 
     def _is_wanted(self, run: int) -> bool:
         """True while the camera streams and `run` is the number of the current stream.
@@ -345,7 +333,7 @@ class VirtualGigeCamera:
             )
             self._library.fill(buffer, slot.image)
             self._library.buffer_set_timestamp(buffer, self._ticks(slot.device_time_ns))
-            self._frames += 1
+            self._counted.frames += 1
         else:
             # The fake finishes sending a buffer even when it is stopped, stamped with the wall clock's time.
             # A stamp of 0 distinguishes it from a frame.

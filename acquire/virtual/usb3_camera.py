@@ -10,12 +10,11 @@ a camera that is behind sends at twice its frame rate, never faster.
 from __future__ import annotations
 
 import threading
-import time
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from acquire.virtual.camera_statistics import CameraStatistics
+from acquire.virtual.camera_statistics import CameraStatistics, CountedSource
 from acquire.virtual.device_clock import DeviceClock
 from acquire.virtual.image_source import ImageSource, StreamSettings
 from acquire.virtual.usb3_features import (
@@ -98,8 +97,7 @@ class VirtualUsb3Camera:
         self._condition = threading.Condition()
         self._streaming, self._closed = habits.left_streaming, False
         self._run = 0
-        self._frames = self._rendered = self._late = self._latest_ns = 0
-        self._render_s = 0.0
+        self._counted = CountedSource(source, clock)
         texts = {
             "DeviceVendorName": habits.vendor,
             "DeviceModelName": habits.model,
@@ -123,9 +121,7 @@ class VirtualUsb3Camera:
     @property
     def statistics(self) -> CameraStatistics:
         """Frames handed over, mean rendering time and largest delay [ms], late images."""
-        return CameraStatistics(
-            self._frames, 1e3 * self._render_s / max(self._rendered, 1), self._late, self._latest_ns / 1e6
-        )
+        return self._counted.statistics
 
     def register(self, address: int) -> int:
         """Value of the 32-bit register at `address`."""
@@ -207,13 +203,7 @@ class VirtualUsb3Camera:
             stamp_ns, number, sent_ns = self.device_clock.now_ns(), 0, 0
             while self._wait_until_covered(self.device_clock.to_host(stamp_ns) + exposure_ns, run):
                 start_ns = self.device_clock.to_host(stamp_ns)
-                began = time.perf_counter()
-                image = self._source.image(start_ns, settings)
-                self._render_s += time.perf_counter() - began
-                self._rendered += 1
-                delay_ns = self._clock.monotonic_ns() - start_ns - exposure_ns
-                self._latest_ns = max(self._latest_ns, delay_ns)
-                self._late += delay_ns > 2 * period_ns
+                image = self._counted.image(start_ns, settings, period_ns)
                 self._clock.sleep(max(0, sent_ns + interval_ns - self._clock.monotonic_ns()) * 1e-9)
                 sent_ns = self._clock.monotonic_ns()
                 self._deliver(image, stamp_ns + exposure_ns * self._habits.stamps_end, number, settings)
@@ -234,7 +224,7 @@ class VirtualUsb3Camera:
         if _is_every(number, self._habits.lacks_trailer_every):
             del packets[-1]
         self._device.send(STREAM_IN, *packets)
-        self._frames += 1
+        self._counted.frames += 1
 
     def _wait_until_covered(self, end_ns: int, run: int) -> bool:
         """True once the source can render up to `end_ns` (host monotonic) [ns]; False if the stream ended."""

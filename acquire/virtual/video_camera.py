@@ -9,7 +9,6 @@ that is behind, because the computer is slow, sends at twice its frame rate, nev
 from __future__ import annotations
 
 import threading
-import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,7 +16,7 @@ import cv2
 import numpy as np
 
 from acquire.camera import v4l2_abi as abi
-from acquire.virtual.camera_statistics import CameraStatistics
+from acquire.virtual.camera_statistics import CameraStatistics, CountedSource
 from acquire.virtual.fuse_file import FuseFile
 from acquire.virtual.image_source import ImageSource, StreamSettings
 from acquire.virtual.video_driver import VideoDriver
@@ -72,8 +71,7 @@ class VirtualVideoCamera:
         self._condition = threading.Condition()
         self._closed = False
         self._run = 0
-        self._frames = self._rendered = self._late = self._latest_ns = 0
-        self._render_s = 0.0
+        self._counted = CountedSource(source, clock)
         stamp = 0 if habits.stamps_frame_end else abi.STAMP_START_OF_EXPOSURE
         self._driver = VideoDriver(
             width, height, habits.codes, abi.TIMESTAMP_MONOTONIC | stamp, on_stream=self._on_stream
@@ -95,9 +93,7 @@ class VirtualVideoCamera:
     @property
     def statistics(self) -> CameraStatistics:
         """Frames handed over, mean rendering time and largest delay [ms], late images."""
-        return CameraStatistics(
-            self._frames, 1e3 * self._render_s / max(self._rendered, 1), self._late, self._latest_ns / 1e6
-        )
+        return self._counted.statistics
 
     def link(self, path: Path) -> None:
         """Make a link to the device, by which it has a lasting name."""
@@ -157,13 +153,7 @@ class VirtualVideoCamera:
             start_ns, number = self._clock.monotonic_ns(), 0
             sent_ns = start_ns
             while self._wait_until_covered(start_ns + exposure_ns, run):
-                began = time.perf_counter()
-                image = self._source.image(start_ns, settings)
-                self._render_s += time.perf_counter() - began
-                self._rendered += 1
-                delay_ns = self._clock.monotonic_ns() - start_ns - exposure_ns
-                self._latest_ns = max(self._latest_ns, delay_ns)
-                self._late += delay_ns > 2 * period_ns
+                image = self._counted.image(start_ns, settings, period_ns)
                 self._clock.sleep((sent_ns + period_ns // 2 - self._clock.monotonic_ns()) * 1e-9)
                 sent_ns = self._clock.monotonic_ns()
                 self._deliver(image, self._stamp_ns(start_ns, exposure_ns), number, run)
@@ -194,7 +184,7 @@ class VirtualVideoCamera:
         with self._condition:
             if run == self._run:
                 self._driver.filled(index, len(content), stamp_ns, number)
-                self._frames += 1
+                self._counted.frames += 1
         self._file.notify()
 
     def _wait_until_covered(self, end_ns: int, run: int) -> bool:
