@@ -155,7 +155,7 @@ def test_programs_killed_at_random_moments_lose_no_strike(bench: Bench) -> None:
         killer.answered, end_s = -1, time.monotonic() + SESSION_S
         next_s = time.monotonic() + float(killer.rng.uniform(*PAUSE_S))
         while not killer.look():
-            assert time.monotonic() < end_s, killer.client.state()
+            assert time.monotonic() < end_s, killer.client.state().model_dump_json()
             if time.monotonic() > next_s and killer.kills < KILLS:
                 killer.kill()
                 next_s = time.monotonic() + float(killer.rng.uniform(*PAUSE_S))
