@@ -206,7 +206,7 @@ def test_four_screws_hold_the_arm(kind: str) -> None:
         assert (nut ^ other).volume() < TOUCHING_MM3
         assert (
             bore_y(5.5, place[0], place[1], far - 3.5, far - 2.9) ^ other
-        ).volume() > 5.0  # what the nut pulls on
+        ).volume() > 5.0
 
 
 @pytest.mark.parametrize(
