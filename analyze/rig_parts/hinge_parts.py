@@ -197,6 +197,6 @@ def axle_plate() -> RigPart:
             Dimension("top", (-PLATE_POST, -POST_SCREWS / 2), (-PLATE_POST, POST_SCREWS / 2), 20.0),
             Dimension("front", (half, 0.0), (half, PLATE), -8.0),
         ),
-        f"M8 x {bolt_length(axle_grip()):g} bolt, 2 washers, self-locking nut; 2 M5 x 20 with slot nuts; "
+        f"M8 x {bolt_length(axle_grip()):g} bolt, 2 washers, self-locking nut; 2 M5 x 16 with slot nuts; "
         "3 mm drill bit as pin",
     )

@@ -89,7 +89,7 @@ def servo_holder(servo: Servo) -> RigPart:
             Dimension("top", (outer[0], low), (outer[0], high), -8.0),
             Dimension("front", (outer[0], 0.0), (outer[0], top), -8.0),
         ),
-        "2 M3 x 25 with nuts and washers; 2 M5 x 14 with slot nuts",
+        "2 M3 x 25 with nuts and washers; 2 M5 x 12 with slot nuts",
     )
 
 
@@ -124,7 +124,7 @@ def camera_holder() -> RigPart:
             Dimension("front", (half, 0.0), (half, high), -8.0),
             Dimension("front", (-half, low), (-half, top), 8.0),
         ),
-        "1 tripod screw, 1/4 inch x 10 mm; 2 M5 x 12 with slot nuts",
+        "1 tripod screw, 1/4 inch x 10 mm; 2 M5 x 10 with slot nuts",
     )
 
 
@@ -152,7 +152,7 @@ def lamp_holder() -> RigPart:
             Dimension("front", (half, 0.0), (half, high), -8.0),
             Dimension("front", (-half, 0.0), (-half, eye), 8.0),
         ),
-        "1 M5 x 12 with slot nut; 1/4 inch x 16 mm, or M6 x 20 with nut, for the lamp",
+        "1 M5 x 10 with slot nut; 1/4 inch x 16 mm, or M6 x 20 with nut, for the lamp",
         count=2,
     )
 
@@ -210,6 +210,6 @@ def solenoid_holder() -> RigPart:
             Dimension("front", (0.0, 0.0), (0.0, SHELF_HIGH), -8.0),
             Dimension("front", (-REAR, 0.0), (-REAR, STOP[1]), 8.0),
         ),
-        "2 M5 x 12 with slot nuts; solenoid with M3 x 10 or cable ties; micro switch with 2 M2.2 x 13 "
+        "2 M5 x 10 with slot nuts; solenoid with M3 x 10 or cable ties; micro switch with 2 M2.2 x 13 "
         "self-tapping; rubber bumper",
     )
