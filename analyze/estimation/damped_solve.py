@@ -21,8 +21,8 @@ from analyze.estimation.joint import (
 )
 from analyze.estimation.joint_model import COM, SECOND
 from analyze.estimation.priors import ComPrior
-from analyze.estimation.second_moments import log_cholesky, unit_inertia
 from analyze.estimation.strike_data import whitened
+from analyze.geometry.second_moments import log_cholesky, unit_inertia
 from analyze.types import Array
 
 FIRST_DAMPING, MAX_DAMPING = 1e-4, 1e8

@@ -15,7 +15,7 @@ from analyze.estimation.joint_model import COM
 from analyze.estimation.mass_properties import AxisInertia, InertialParameters
 from analyze.estimation.posterior import TENSOR, Posterior, linear_posterior
 from analyze.estimation.priors import ComPrior, Scale
-from analyze.estimation.second_moments import symmetric_matrix
+from analyze.geometry.second_moments import symmetric_matrix
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.types import Array, EquiPlane
 

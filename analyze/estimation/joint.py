@@ -17,8 +17,8 @@ import numpy as np
 from analyze.estimation.joint_model import COM, LENGTHS, SECOND, JointModel
 from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
 from analyze.estimation.scatter import ErrorFactors, estimated_factors
-from analyze.estimation.second_moments import symmetric_entries, unit_inertia
 from analyze.estimation.strike_data import StrikeData, strike_data, whitened
+from analyze.geometry.second_moments import symmetric_entries, unit_inertia
 from analyze.types import Array, EquiPlane
 
 MAX_REESTIMATES = 4

@@ -31,7 +31,7 @@ from scipy.optimize import linprog
 from analyze.estimation.joint import JointSolution, MomentModel, UnitPrior, solve_joint, widened
 from analyze.estimation.joint_model import COM, GRAVITY, SECOND
 from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
-from analyze.estimation.second_moments import symmetric_entries
+from analyze.geometry.second_moments import symmetric_entries
 from analyze.types import Array, EquiPlane
 
 SIGMAS = 3.0
