@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 STEP_RAD = 0.2
 """largest turn of the fastest body in a step of the integration [rad]: an error of some 1e-6 rad"""
 Torque = Callable[["Array", "Array", "Array"], "Array"]
-"""moment (f, 3) in O on f bodies, as a function of their attitudes (f, 4), angular velocities (f, 3) in O
-[rad/s] and times (f,) [s]"""
+"""moment in O on f bodies, (v, f, 3) or (f, 3), as a function of the attitudes (f, 4) and angular velocities
+(f, 3) in O [rad/s] of the first set of unknowns, and of the times (f,) [s]"""
 
 
 def rotated_attitudes(
@@ -27,12 +27,11 @@ def rotated_attitudes(
     inertia: Array,
     time: Array,
     torque: Torque | None = None,
-    torque_factor: Array | None = None,
 ) -> tuple[Array, Array]:
     """Attitudes (v, f, n, 4) and angular velocities (v, f, n, 3) of f bodies, for v sets of unknowns.
 
     Runge-Kutta of the fourth order, in steps of at most `STEP_RAD`. The torque is computed for the first set
-    of unknowns, and acts on all of them in the object frame.
+    of unknowns; it acts in the object frame.
 
     Args:
         attitude: (v, f, 4) quaternions wxyz from O to W at the first time.
@@ -40,15 +39,13 @@ def rotated_attitudes(
         inertia: (v, 3, 3) tensor in O about the centre of mass; up to its factor where there is no torque.
         time: (f, n) times [s]; equal ones at the end of a shorter motion.
         torque: moment on the bodies, in units of the inertia times rad/s^2; None for torque-free rotation.
-        torque_factor: (v,) factor on the torque for each set of unknowns; None for 1.
     """
     inverse = np.asarray(np.linalg.inv(inertia), dtype=np.float64)
-    factor = np.ones(len(attitude)) if torque_factor is None else torque_factor
 
     def rates(q: Array, w: Array, t: Array) -> tuple[Array, Array]:
         moment = cross(np.einsum("vij,vfj->vfi", inertia, w), w)
         if torque is not None:
-            moment = moment + factor[:, None, None] * torque(q[0], w[0], t)
+            moment = moment + torque(q[0], w[0], t)
         return 0.5 * times_vector(q, w), np.einsum("vij,vfj->vfi", inverse, moment)
 
     path = np.empty((*attitude.shape[:2], time.shape[1], 4))
