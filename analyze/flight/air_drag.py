@@ -68,9 +68,7 @@ def hull_panels(hull_vertices: Array) -> HullPanels:
     """
     hull = ConvexHull(hull_vertices)
     corners = hull_vertices[hull.simplices]
-    areas = 0.5 * np.linalg.norm(
-        cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
+    areas = 0.5 * np.linalg.norm(cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     target = float(areas.sum()) / _PANELS
     points, normals, pieces = [], [], []
     for triangle, normal, area in zip(corners, hull.equations[:, :3], areas, strict=True):

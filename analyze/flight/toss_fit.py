@@ -67,7 +67,9 @@ class FlightPrior:
         mean[GRAVITY], sd[GRAVITY] = (0.0, 0.0, -self.gravity), (turned, turned, self.gravity_sd)
         mean[DRAG], sd[DRAG] = DRAG_COEFFICIENT, DRAG_COEFFICIENT_SD
         mean[TAG_SIZE], sd[TAG_SIZE] = 1.0, TAG_SIZE_SD
-        places = np.column_stack([np.repeat(tags.place_sd[:, None], 3, 1), np.repeat(tags.turn_sd[:, None], 3, 1)])
+        places = np.column_stack(
+            [np.repeat(tags.place_sd[:, None], 3, 1), np.repeat(tags.turn_sd[:, None], 3, 1)]
+        )
         sd[FIRST_TAG:] = places.ravel()
         return mean, sd
 
@@ -124,7 +126,9 @@ def fit_tosses(
 
     def expected(x: Array) -> tuple[Array, Array]:
         pixels, by = model(x)
-        return np.concatenate([pixels, x[: model.shared]]), np.vstack([by, np.eye(model.count)[: model.shared]])
+        return np.concatenate([pixels, x[: model.shared]]), np.vstack(
+            [by, np.eye(model.count)[: model.shared]]
+        )
 
     found = minimise(observed, np.concatenate([corner_sd, sd]), expected, start, scale, TAG_SIZE)
     return _result(model, found, corner_sd, sd)

@@ -60,14 +60,20 @@ class ThrownBox:
             b, c = (axis + 1) % 3, (axis + 2) % 3
             for u, v in product(middle, middle):
                 point, normal = np.zeros(3), np.zeros(3)
-                point[axis], point[b], point[c] = sign * self.size[axis] / 2, u * self.size[b], v * self.size[c]
+                point[axis], point[b], point[c] = (
+                    sign * self.size[axis] / 2,
+                    u * self.size[b],
+                    v * self.size[c],
+                )
                 normal[axis] = sign
                 points.append(point)
                 normals.append(normal)
                 areas.append(self.size[b] * self.size[c] / cuts**2)
         return np.array(points), np.array(normals), np.array(areas)
 
-    def path(self, R: np.ndarray, spin: np.ndarray, place: np.ndarray, velocity: np.ndarray, time: np.ndarray):
+    def path(
+        self, R: np.ndarray, spin: np.ndarray, place: np.ndarray, velocity: np.ndarray, time: np.ndarray
+    ):
         """Attitudes (n, 3, 3) and places of c (n, 3) at the times (n,)."""
         points, normals, areas = self._panels()
         arms, inverse = points - self.com, np.linalg.inv(self.inertia)
