@@ -1,8 +1,9 @@
 """Pressure of the air on the panels of a moving body's hull: force and moment per kilogram.
 
-A panel that moves against the air with the speed u_n along its outward normal n is pressed by 1/2 rho C u_n^2
+A panel that moves against the air at u, u_n along its outward normal, is pressed by 1/2 rho C u_n^2
 (Newton's law of resistance, Principia 1687, with a free coefficient C); one that moves away from it is not.
-The law is rough: force and moment have a coefficient each, which flights determine.
+The law is rough: force and moment have a coefficient each, which flights determine, and a second law, with
+|u| u_n instead, shows how much depends on it.
 """
 
 # scipy is only partly typed.
@@ -37,10 +38,12 @@ class HullPanels:
     """(p, 3) their outward unit normals"""
     areas: Array
     """(p,) their areas [m^2]"""
+    oblique: bool = False
+    """True for the second law, by which the air presses more on panels that move obliquely"""
 
     @property
     def mean_shadow(self) -> float:
-        """Mean area [m^2] of the hull's shadow over all directions: a quarter of its surface (Cauchy 1841)."""
+        """Mean area [m^2] of the hull's shadow: a quarter of its surface (Cauchy 1841)."""
         return 0.25 * float(self.areas.sum())
 
     def load(self, velocity: Array, spin: Array, com: Array, mass: float) -> tuple[Array, Array]:
@@ -57,7 +60,8 @@ class HullPanels:
         arms = self.points - com
         moved = velocity[:, None, :] + cross(spin[:, None, :], arms[None])
         against = np.maximum(np.sum(self.normals * moved, axis=-1), 0.0)
-        pressure = (-0.5 * AIR_DENSITY / mass) * self.areas * against**2
+        speed = np.linalg.norm(moved, axis=-1) if self.oblique else against
+        pressure = (-0.5 * AIR_DENSITY / mass) * self.areas * against * speed
         return pressure @ self.normals, pressure @ cross(arms, self.normals)
 
 

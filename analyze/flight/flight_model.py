@@ -1,4 +1,4 @@
-"""Corners of a thrown body's tags in the images, as a function of body, air, tag places and each toss's start.
+"""Corners of a thrown body's tags in the images as a function of body, air, tag places and starts.
 
 c moves under gravity and the air's force; the body rotates by Euler's equations with the air's moment:
 
@@ -32,10 +32,13 @@ if TYPE_CHECKING:
     from analyze.flight.views import TagSet, TossViews
     from analyze.types import Array, CameraModel
 
-COM, SHAPE, GRAVITY, DRAG, TAG_SIZE = slice(0, 3), slice(3, 8), slice(8, 11), slice(11, 13), 13
+COM, SHAPE, GRAVITY, DRAG = slice(0, 3), slice(3, 8), slice(8, 11), slice(11, 13)
 """places among the unknowns: c [m, in O], five numbers of the tensor's shape, gravity [m/s^2, in W],
-coefficients of the air's force and moment, size of the tags over the stated one"""
-FIRST_TAG, TAG_TERMS = 14, 6
+coefficients of the air's force and moment"""
+PRESSURE, TAG_SIZE = slice(13, 16), 16
+"""places of the shift of the air's force against where the law has it [m, in O], and of the size of the tags
+over the stated one"""
+FIRST_TAG, TAG_TERMS = 17, 6
 """place of the first tag's unknowns; of each tag: shift of the centre [m] and turn [rad], in O"""
 TURN, SPIN, PLACE, VELOCITY = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 """places among a toss's own unknowns, at its first frame: turn against the first guess [rad, in W], angular
@@ -43,11 +46,11 @@ velocity [rad/s, in O], place of c [m, in W] and its velocity [m/s, in W]"""
 TOSS_TERMS = 12
 """number of a toss's own unknowns"""
 _STEP = 1e-5
-"""step of the numerical derivatives by spin [rad/s], shape and c [m]"""
+"""step of the numerical derivatives by spin [rad/s], shape and shift [m]"""
 _DRAG_STEP = 1e-2
 """step of the numerical derivative by the coefficient of the air's moment"""
 _VARIANTS = 13
-"""number of sets of unknowns: the nominal one, then spin (3), shape (5), moment of the air, c (3) moved"""
+"""number of sets of unknowns: the nominal one, then spin (3), shape (5), air moment, its shift (3) moved"""
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,13 @@ class TossStart:
         """Unknowns (12,) of the toss at this start."""
         return np.concatenate([np.zeros(3), self.spin, self.place, self.velocity])
 
+    @staticmethod
+    def at(path: FlightPath, frame: int) -> TossStart:
+        """Start at a frame of a fitted motion."""
+        return TossStart(
+            path.R_world_object[frame], path.spin[frame], path.place[frame], path.velocity[frame]
+        )
+
     def moved(self, own: Array) -> TossStart:
         """Start with the unknowns (12,) of a fit that began here."""
         attitude = matrix_from_vector(own[TURN]) @ self.R_world_object
@@ -96,8 +106,10 @@ class FlightPath:
     """(n, 3) angular velocity in O [rad/s]"""
     place: Array
     """(n, 3) place of c in W [m]"""
+    velocity: Array
+    """(n, 3) its velocity in W [m/s]"""
     turns: Array
-    """(n, 3, 12) turn in W [rad] by spin (3), shape (5), coefficient of the air's moment, and c (3)"""
+    """(n, 3, 12) turn in W [rad] by spin (3), shape (5), coefficient of the air's moment, its shift (3)"""
     drag: Array
     """(n, 3) displacement of c in W [m] by the air, for a coefficient of 1"""
 
@@ -108,7 +120,7 @@ def fly(body: ThrownBody, base: Array, shared: Array, own: Array, time: Array) -
     Args:
         body: hull, mass and size.
         base: (3, 3) attitude of the first guess at the first time.
-        shared: unknowns of the body, at least (13,), in the order of `COM` to `DRAG`.
+        shared: unknowns of the body, at least (16,), in the order of `COM` to `PRESSURE`.
         own: (12,) unknowns of the toss.
         time: (n,) times from the first on [s].
     """
@@ -120,24 +132,29 @@ def fly(body: ThrownBody, base: Array, shared: Array, own: Array, time: Array) -
     inertia = np.array([unit_inertia(with_size(each, body.log_size))[0] for each in shape])
     factor = np.full((_VARIANTS, 1, 1), shared[DRAG][1])
     factor[9] += _DRAG_STEP
-    arm = np.zeros((_VARIANTS, 1, 3))
-    arm[10:, 0] = _STEP * np.eye(3)
+    shift = np.tile(shared[PRESSURE], (_VARIANTS, 1, 1))
+    shift[10:, 0] += _STEP * np.eye(3)
     velocity = _slowed(body, shared, own, time)
 
     def torque(q: Array, w: Array, t: Array) -> Array:
         in_object = velocity(t) @ matrix_from_wxyz(q[0])
         force, moment = body.panels.load(in_object, w, shared[COM], body.mass)
-        return factor * (moment - cross(arm, force))
+        return factor * (moment + cross(shift, force))
 
-    path, spins = rotated_attitudes(np.tile(attitude, (_VARIANTS, 1, 1)), spin, inertia, time[None], torque)
+    with np.errstate(over="ignore", invalid="ignore"):  # a step too far, which the fit takes back
+        path, spins = rotated_attitudes(
+            np.tile(attitude, (_VARIANTS, 1, 1)), spin, inertia, time[None], torque
+        )
     R = matrix_from_wxyz(path[0, 0])
     in_object = np.einsum("nji,nj->ni", R, velocity(time))
     force = body.panels.load(in_object, spins[0, 0], shared[COM], body.mass)[0]
-    drag = CubicSpline(time, np.einsum("nij,nj->ni", R, force)).antiderivative(2)(time)
+    slowing = CubicSpline(time, np.nan_to_num(np.einsum("nij,nj->ni", R, force))).antiderivative()
+    drag = slowing.antiderivative()(time)
     steps = np.array([*[_STEP] * 8, _DRAG_STEP, *[_STEP] * 3])
     turns = np.einsum("nij,knj->nik", R, small_rotation(path[1:, 0], path[0])) / steps
     place = own[PLACE] + np.outer(time, own[VELOCITY]) + 0.5 * np.outer(time**2, shared[GRAVITY])
-    return FlightPath(R, spins[0, 0], place + shared[DRAG][0] * drag, turns, drag)
+    speed = own[VELOCITY] + np.outer(time, shared[GRAVITY]) + shared[DRAG][0] * slowing(time)
+    return FlightPath(R, spins[0, 0], place + shared[DRAG][0] * drag, speed, turns, drag)
 
 
 def _slowed(body: ThrownBody, shared: Array, own: Array, time: Array) -> CubicSpline:
@@ -236,12 +253,13 @@ class FlightModel:
         )
         by[..., GRAVITY] = 0.5 * time[:, None, None, None] ** 2 * into
         into_object = np.einsum("mcij,mjk->mcik", into, R)
-        by[..., COM] = numeric[..., 9:] - into_object
+        by[..., PRESSURE] = numeric[..., 9:]
+        by[..., COM] = -numeric[..., 9:] - into_object
         self._by_tags(x, views.tag, into_object, by)
         return pixels.ravel(), by.reshape(-1, self.count)
 
     def _by_tags(self, x: Array, tag: Array, into_object: Array, by: Array) -> None:
-        """Fill in the derivatives of the views' corners (m, 4, 2, count) by the tags' size, place and turn."""
+        """Fill in the derivatives (m, 4, 2, count) of the views' corners by the tags' size, place, turn."""
         terms = x[FIRST_TAG : self.shared].reshape(-1, TAG_TERMS)
         arms = self.corners(x) - self.tags.centres[:, None, :] - terms[:, None, :3]
         by[..., TAG_SIZE] = np.einsum("mcij,mcj->mci", into_object, arms[tag]) / x[TAG_SIZE]

@@ -15,6 +15,7 @@ from analyze.flight.flight_model import (
     DRAG,
     FIRST_TAG,
     GRAVITY,
+    PRESSURE,
     SHAPE,
     TAG_SIZE,
     TAG_TERMS,
@@ -34,6 +35,9 @@ if TYPE_CHECKING:
 DRAG_COEFFICIENT, DRAG_COEFFICIENT_SD = 1.1, 0.4
 """prior of the coefficients of Newton's law of resistance: 0.9 gives a sphere's drag, 1.05 that of a cube's
 face, 1.6 that of a long cylinder"""
+PRESSURE_SHIFT = 0.1
+"""1 sigma of the place where the air's force acts against that by its law, as a fraction of the extent: so
+wide that the air's moment, which depends on the law, tells nothing about c"""
 TAG_SIZE_SD = 0.003
 """1 sigma of the size of printed tags over the stated one"""
 SHAPE_SD = 1.5
@@ -48,8 +52,8 @@ class FlightPrior:
 
     com: Array
     """(3,) centroid of the shape [m, in O]"""
-    com_sd: Array
-    """(3,) 1 sigma of c about it [m]"""
+    extent: Array
+    """(3,) edges of the shape's bounding box along O's axes [m]; a quarter is c's 1 sigma"""
     shape: Array
     """(5,) numbers of the tensor's shape (`second_moments.scale_free`) of the uniform solid"""
     gravity: float
@@ -61,11 +65,12 @@ class FlightPrior:
         """Mean and standard deviation of the unknowns that tosses share, with the places of the tags."""
         count = FIRST_TAG + TAG_TERMS * len(tags.names)
         mean, sd = np.zeros(count), np.ones(count)
-        mean[COM], sd[COM] = self.com, self.com_sd
+        mean[COM], sd[COM] = self.com, 0.25 * self.extent
         mean[SHAPE], sd[SHAPE] = self.shape, SHAPE_SD
         turned = GRAVITY_TURN_SD * self.gravity
         mean[GRAVITY], sd[GRAVITY] = (0.0, 0.0, -self.gravity), (turned, turned, self.gravity_sd)
         mean[DRAG], sd[DRAG] = DRAG_COEFFICIENT, DRAG_COEFFICIENT_SD
+        sd[PRESSURE] = PRESSURE_SHIFT * self.extent
         mean[TAG_SIZE], sd[TAG_SIZE] = 1.0, TAG_SIZE_SD
         places = np.column_stack(
             [np.repeat(tags.place_sd[:, None], 3, 1), np.repeat(tags.turn_sd[:, None], 3, 1)]
