@@ -23,8 +23,7 @@ from analyze.planning.toss_hold import Hold, best_hold
 from analyze.tracking.camera_model import project
 from analyze.types import Array, CameraModel
 from schemas.object_spec import ObjectSpec
-from schemas.planned_toss import PlannedToss
-from schemas.range import Range
+from schemas.strike_plan import PlannedToss, Range
 
 TURNS_PER_S = Range(min=2.0, target=3.0, max=4.0)
 """spin [turns/s]: slower ones turn too little in the air, faster ones blur the tags"""
