@@ -75,7 +75,7 @@ def _rays(station: Station, width: int, height: int) -> NDArray[np.float64]:
 def _on_plane(
     p: NDArray[np.float64], ray: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """x and y (height, width) [m] at which lines of sight meet z = 0, at most 10 m away.
+    """X and y (height, width) [m] at which lines of sight meet z = 0, at most 10 m away.
 
     Args:
         p: (3,) position of the camera in W [m].

@@ -2,8 +2,9 @@
 
 In the air the object moves by Newton's and Euler's laws under gravity and the air's drag, in Runge-Kutta
 steps of fourth order; the drag is that of the middle of each step. The table's plane serves as the cushion:
-during a toss it lies lower or higher, and is soft. Not modelled: the hand's acceleration (the object is held
-still and then has its velocity at once), the hand and the cushion in the images.
+during a toss it lies lower or higher, is soft, and is met by a falling object only. Not modelled: the hand's
+acceleration (the object is held still and then has its velocity at once), the hand and the cushion in the
+images.
 """
 # mujoco takes its names from a compiled module that pyright cannot analyse.
 # pyright: reportAttributeAccessIssue=false
@@ -32,6 +33,8 @@ CUSHION_CONTACT = ((0.04, 1.0), (0.9, 0.95, 0.01))
 CUSHION_FRICTION = (1.0, 0.01, 0.01)
 """sliding, torsional [m] and rolling [m] friction of the cushion: it is dented, and a can soon lies still"""
 
+_MIDPHASE = int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
+
 
 class Flight:
     """One toss after the other of one object in a world's model; `begin` starts one.
@@ -55,11 +58,15 @@ class Flight:
         )
         self._model, self._data = model, data
         self._gravity = np.array(model.opt.gravity)
+        self._table_frame = int(model.geom_sameframe[model.geom("table").id])
         self._table, self._object = model.geom("table").id, model.body("object").id
         self._matrix = np.zeros(9)
         self._motion: TossMotion | None = None
         self.release_ns: int | None = None
         """world time at which the hand lets go [ns]; None if the object is not held"""
+        self._rising_s = 0.0
+        self.touched = False
+        """True once the tossed object has touched the cushion"""
 
     @property
     def under_way(self) -> bool:
@@ -69,7 +76,7 @@ class Flight:
     def begin(self, motion: TossMotion, release_ns: int) -> None:
         """Hold the object still in the air, until the world time `release_ns` [ns]."""
         self.end()
-        self._motion, self.release_ns = motion, release_ns
+        self._motion, self.release_ns, self.touched = motion, release_ns, False
         model, table = self._model, self._table
         self._table_is = (
             model.geom_solref[table].copy(),
@@ -77,10 +84,14 @@ class Flight:
             model.geom_friction[table].copy(),
         )
         model.geom_pos[table, 2] = motion.cushion_z
+        model.geom_sameframe[table] = 0  # otherwise the position is taken from the body's
+        model.opt.disableflags |= _MIDPHASE  # its boxes are those of the table's place in the model
         model.geom_solref[table] = CUSHION_CONTACT[0]
         model.geom_solimp[table, :3] = CUSHION_CONTACT[1]
         model.geom_friction[table] = CUSHION_FRICTION
         model.geom_condim[table] = 6
+        model.geom_contype[table] = 0
+        self._rising_s = float(motion.velocity_world[2] / -self._gravity[2])
         data = self._data
         x, y, z, w = Rotation.from_matrix(motion.R_world_object).as_quat()
         data.qpos[0:3] = motion.p_world_com - motion.R_world_object @ self._com
@@ -101,9 +112,15 @@ class Flight:
 
     def step(self, duration_s: float) -> None:
         """Step object and arm by a duration [s], a multiple of both time steps."""
+        self._rising_s -= duration_s
+        if self._rising_s < 0:
+            self._model.geom_contype[self._table] = 1
         option = self._model.opt
         free = self._data.ncon == 0
-        option.integrator = mujoco.mjtIntegrator.mjINT_RK4 if free else mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        self.touched = self.touched or not free
+        option.integrator = (
+            mujoco.mjtIntegrator.mjINT_RK4 if free else mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        )
         option.timestep = FREE_STEP_S if free else TIMESTEP_S
         for _ in range(round(duration_s / option.timestep)):
             self._apply_drag(option.timestep)
@@ -114,9 +131,10 @@ class Flight:
         if self._motion is None:
             return
         model, table = self._model, self._table
-        model.geom_pos[table, 2] = 0.0
+        model.geom_pos[table, 2], model.geom_sameframe[table] = 0.0, self._table_frame
         model.geom_solref[table], model.geom_solimp[table], model.geom_friction[table] = self._table_is
-        model.geom_condim[table] = 3
+        model.opt.disableflags &= ~_MIDPHASE
+        model.geom_condim[table], model.geom_contype[table] = 3, 1
         model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_IMPLICITFAST, TIMESTEP_S
         self._data.xfrc_applied[self._object] = 0.0
         self._motion = self.release_ns = None

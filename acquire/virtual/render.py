@@ -160,7 +160,8 @@ class Renderer:
         arm, (shadow, item) = self._arm_at(pose[:, 7:]), self._object_at(pose[:, :7])
         if shadow is not None:
             paint_shadow(self._scene, shadow, _SHADOW)
-        for drawn in (arm, item):
+        behind = pose[len(pose) // 2, 1] > FAR_EDGE_M  # a tossed object, behind the arm
+        for drawn in (item, arm) if behind else (arm, item):
             if drawn is not None:
                 paint(self._scene, drawn)
         layers = [found for found in (shadow, arm, item) if found is not None]

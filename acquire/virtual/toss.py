@@ -49,7 +49,7 @@ class TossKind(enum.Enum):
     PRINCIPAL = "principal"
     """spin about a principal axis of inertia, to 2 degrees"""
     EARLY = "early"
-    """lands on something high after about half of the flight"""
+    """lands on something high after 0.55 to 0.65 of the flight"""
     AWAY = "away"
     """thrown sideways out of the camera's view"""
 
@@ -106,7 +106,7 @@ def hand_toss(
         case TossKind.PRINCIPAL:
             axis = _near_principal_axis(body, axis, rng)
         case TossKind.EARLY:
-            time = flight * rng.uniform(0.5, 0.6)
+            time = flight * rng.uniform(0.55, 0.65)
             cushion_z += 0.5 * G_M_S2 * time * (flight - time)
         case TossKind.AWAY:
             drift = np.array([rng.choice([-1.0, 1.0]) * rng.uniform(1.5, 2.5), drift[1]])

@@ -209,6 +209,11 @@ class World:
         """
         return self._at_rest
 
+    @property
+    def has_landed(self) -> bool:
+        """True once an object that was tossed has touched the cushion."""
+        return self._flight.touched
+
     def arm(self) -> tuple[float, float]:
         """Arm's angle [rad], 0 hanging, positive towards the world's +x, and its angular velocity [rad/s]."""
         return float(self._qpos[7]), float(self._qvel[6])

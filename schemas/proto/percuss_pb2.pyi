@@ -231,7 +231,7 @@ class TruthContact(_message.Message):
     def __init__(self, world_time_ns: _Optional[int] = ..., impulse_n_s: _Optional[float] = ..., p_world_contact: _Optional[_Iterable[float]] = ..., duration_s: _Optional[float] = ...) -> None: ...
 
 class TruthBody(_message.Message):
-    __slots__ = ("mass_kg", "com_object", "inertia_com", "edge_radius_m", "region_mass_kg", "region_plane", "shell_thickness_m", "friction", "table_tilt_x_rad", "table_tilt_y_rad", "T_camera_world", "seed")
+    __slots__ = ("mass_kg", "com_object", "inertia_com", "edge_radius_m", "region_mass_kg", "region_plane", "shell_thickness_m", "friction", "table_tilt_x_rad", "table_tilt_y_rad", "T_camera_world", "seed", "drag_coefficient")
     MASS_KG_FIELD_NUMBER: _ClassVar[int]
     COM_OBJECT_FIELD_NUMBER: _ClassVar[int]
     INERTIA_COM_FIELD_NUMBER: _ClassVar[int]
@@ -244,6 +244,7 @@ class TruthBody(_message.Message):
     TABLE_TILT_Y_RAD_FIELD_NUMBER: _ClassVar[int]
     T_CAMERA_WORLD_FIELD_NUMBER: _ClassVar[int]
     SEED_FIELD_NUMBER: _ClassVar[int]
+    DRAG_COEFFICIENT_FIELD_NUMBER: _ClassVar[int]
     mass_kg: float
     com_object: _containers.RepeatedScalarFieldContainer[float]
     inertia_com: _containers.RepeatedScalarFieldContainer[float]
@@ -256,4 +257,5 @@ class TruthBody(_message.Message):
     table_tilt_y_rad: float
     T_camera_world: _containers.RepeatedScalarFieldContainer[float]
     seed: int
-    def __init__(self, mass_kg: _Optional[float] = ..., com_object: _Optional[_Iterable[float]] = ..., inertia_com: _Optional[_Iterable[float]] = ..., edge_radius_m: _Optional[float] = ..., region_mass_kg: _Optional[_Iterable[float]] = ..., region_plane: _Optional[_Iterable[float]] = ..., shell_thickness_m: _Optional[float] = ..., friction: _Optional[float] = ..., table_tilt_x_rad: _Optional[float] = ..., table_tilt_y_rad: _Optional[float] = ..., T_camera_world: _Optional[_Iterable[float]] = ..., seed: _Optional[int] = ...) -> None: ...
+    drag_coefficient: float
+    def __init__(self, mass_kg: _Optional[float] = ..., com_object: _Optional[_Iterable[float]] = ..., inertia_com: _Optional[_Iterable[float]] = ..., edge_radius_m: _Optional[float] = ..., region_mass_kg: _Optional[_Iterable[float]] = ..., region_plane: _Optional[_Iterable[float]] = ..., shell_thickness_m: _Optional[float] = ..., friction: _Optional[float] = ..., table_tilt_x_rad: _Optional[float] = ..., table_tilt_y_rad: _Optional[float] = ..., T_camera_world: _Optional[_Iterable[float]] = ..., seed: _Optional[int] = ..., drag_coefficient: _Optional[float] = ...) -> None: ...
