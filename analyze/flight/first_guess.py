@@ -54,7 +54,7 @@ def first_start(views: TossViews, tags: TagSet, camera: CameraModel, com: Array,
         gravity: gravity [m/s^2].
     """
     R, origin = body_poses(views, tags, camera)
-    time = 1e-9 * (views.time_ns - views.time_ns[0]).astype(np.float64)
+    time = views.seconds
     ahead = min(_SPIN_FRAMES, len(R) - 1)
     turns = vector_from_matrix(np.swapaxes(R[:ahead], 1, 2) @ R[1 : ahead + 1])
     spin = np.median(turns / np.diff(time[: ahead + 1])[:, None], axis=0)

@@ -27,7 +27,7 @@ from analyze.geometry.second_moments import unit_inertia, with_size
 from analyze.tracking.camera_model import project_ideal, project_jacobian, world_to_camera
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from analyze.flight.views import TagSet, TossViews
     from analyze.types import Array, CameraModel
@@ -114,19 +114,21 @@ class FlightPath:
     """(n, 3) displacement of c in W [m] by the air, for a coefficient of 1"""
 
 
-def fly(body: ThrownBody, base: Array, shared: Array, own: Array, time: Array) -> FlightPath:
-    """Motion of a body thrown with given unknowns.
+def fly(
+    body: ThrownBody, bases: Array, shared: Array, own: Array, times: Sequence[Array]
+) -> list[FlightPath]:
+    """Motions of a body in f tosses with given unknowns.
 
     Args:
         body: hull, mass and size.
-        base: (3, 3) attitude of the first guess at the first time.
+        bases: (f, 3, 3) attitudes of the first guesses at the first times.
         shared: unknowns of the body, at least (16,), in the order of `COM` to `PRESSURE`.
-        own: (12,) unknowns of the toss.
-        time: (n,) times from the first on [s].
+        own: (f, 12) unknowns of the tosses.
+        times: times (n,) of each toss, from the first on [s].
     """
-    attitude = wxyz_from_matrix(matrix_from_vector(own[TURN]) @ base)
-    spin = np.tile(own[SPIN], (_VARIANTS, 1, 1))
-    spin[1:4, 0] += _STEP * np.eye(3)
+    attitude = wxyz_from_matrix(matrix_from_vector(own[:, TURN]) @ bases)
+    spin = np.tile(own[:, SPIN], (_VARIANTS, 1, 1))
+    spin[1:4] += _STEP * np.eye(3)[:, None, :]
     shape = np.tile(shared[SHAPE], (_VARIANTS, 1))
     shape[4:9] += _STEP * np.eye(5)
     inertia = np.array([unit_inertia(with_size(each, body.log_size))[0] for each in shape])
@@ -134,43 +136,82 @@ def fly(body: ThrownBody, base: Array, shared: Array, own: Array, time: Array) -
     factor[9] += _DRAG_STEP
     shift = np.tile(shared[PRESSURE], (_VARIANTS, 1, 1))
     shift[10:, 0] += _STEP * np.eye(3)
-    velocity = _slowed(body, shared, own, time)
+    velocity = _slowed(body, shared, own, np.array([time[-1] for time in times]))
 
     def torque(q: Array, w: Array, t: Array) -> Array:
-        in_object = velocity(t) @ matrix_from_wxyz(q[0])
+        in_object = np.einsum("fji,fj->fi", matrix_from_wxyz(q), velocity(t[:, None])[:, 0])
         force, moment = body.panels.load(in_object, w, shared[COM], body.mass)
         return factor * (moment + cross(shift, force))
 
+    longest = max(map(len, times))
+    padded = np.array([np.append(time, [time[-1]] * (longest - len(time))) for time in times])
     with np.errstate(over="ignore", invalid="ignore"):  # a step too far, which the fit takes back
-        path, spins = rotated_attitudes(
-            np.tile(attitude, (_VARIANTS, 1, 1)), spin, inertia, time[None], torque
-        )
-    R = matrix_from_wxyz(path[0, 0])
-    in_object = np.einsum("nji,nj->ni", R, velocity(time))
-    force = body.panels.load(in_object, spins[0, 0], shared[COM], body.mass)[0]
+        path, spins = rotated_attitudes(np.tile(attitude, (_VARIANTS, 1, 1)), spin, inertia, padded, torque)
+    velocities = velocity(padded)
+    return [
+        _path(body, shared, own[i], time, path[:, i, : len(time)], spins[0, i, : len(time)], velocities[i])
+        for i, time in enumerate(times)
+    ]
+
+
+def _path(
+    body: ThrownBody, shared: Array, own: Array, time: Array, attitudes: Array, spin: Array, velocity: Array
+) -> FlightPath:
+    """Motion of one toss, from the attitudes (v, n, 4) of all sets of unknowns.
+
+    Args:
+        body: hull and mass.
+        shared: unknowns of the body.
+        own: (12,) unknowns of the toss.
+        time: (n,) times [s].
+        attitudes: (v, n, 4) quaternions wxyz from O to W.
+        spin: (n, 3) angular velocity in O [rad/s].
+        velocity: (n or more, 3) velocity of c in W for the air's load [m/s].
+    """
+    R = matrix_from_wxyz(attitudes[0])
+    in_object = np.einsum("nji,nj->ni", R, velocity[: len(time)])
+    force = body.panels.load(in_object, spin, shared[COM], body.mass)[0]
     slowing = CubicSpline(time, np.nan_to_num(np.einsum("nij,nj->ni", R, force))).antiderivative()
     drag = slowing.antiderivative()(time)
     steps = np.array([*[_STEP] * 8, _DRAG_STEP, *[_STEP] * 3])
-    turns = np.einsum("nij,knj->nik", R, small_rotation(path[1:, 0], path[0])) / steps
+    turns = np.einsum("nij,knj->nik", R, small_rotation(attitudes[1:], attitudes[0])) / steps
     place = own[PLACE] + np.outer(time, own[VELOCITY]) + 0.5 * np.outer(time**2, shared[GRAVITY])
     speed = own[VELOCITY] + np.outer(time, shared[GRAVITY]) + shared[DRAG][0] * slowing(time)
-    return FlightPath(R, spins[0, 0], place + shared[DRAG][0] * drag, speed, turns, drag)
+    return FlightPath(R, spin, place + shared[DRAG][0] * drag, speed, turns, drag)
 
 
-def _slowed(body: ThrownBody, shared: Array, own: Array, time: Array) -> CubicSpline:
-    """Velocity of c in W [m/s] as a function of time, for the air's load: slowed as by a mean shadow's drag.
+def _slowed(body: ThrownBody, shared: Array, own: Array, ends: Array) -> Callable[[Array], Array]:
+    """Velocity of c in W [m/s] in f tosses, for the air's load: slowed as by a mean shadow's drag.
 
     A body that tumbles shows its mean shadow; Newton's law presses it on average with half the coefficient.
+
+    Args:
+        body: hull and mass.
+        shared: unknowns of the body.
+        own: (f, 12) unknowns of the tosses.
+        ends: (f,) last times [s].
+
+    Returns:
+        Function from times (f, n) [s] to velocities (f, n, 3).
     """
     slowing = 0.25 * AIR_DENSITY * shared[DRAG][0] * body.panels.mean_shadow / body.mass
-    fine = np.linspace(0.0, time[-1], 16)
-    velocity = np.empty((16, 3))
-    velocity[0] = own[VELOCITY]
-    for i, step in enumerate(np.diff(fine)):
-        here = velocity[i]
-        halfway = here + 0.5 * step * (shared[GRAVITY] - slowing * np.linalg.norm(here) * here)
-        velocity[i + 1] = here + step * (shared[GRAVITY] - slowing * np.linalg.norm(halfway) * halfway)
-    return CubicSpline(fine, velocity)
+    step = ends[:, None] / 15.0
+
+    def change(v: Array) -> Array:
+        return shared[GRAVITY] - slowing * np.linalg.norm(v, axis=1, keepdims=True) * v
+
+    path = [own[:, VELOCITY]]
+    for _ in range(15):
+        path.append(path[-1] + step * change(path[-1] + 0.5 * step * change(path[-1])))
+    # A polynomial in the share of the flight.
+    share = np.linspace(0.0, 1.0, 16)
+    powers = np.linalg.lstsq(share[:, None] ** np.arange(5), np.array(path).reshape(16, -1), rcond=None)[0]
+    powers = powers.reshape(5, len(own), 3)
+
+    def at(t: Array) -> Array:
+        return np.einsum("fnp,pfi->fni", (t / ends[:, None])[..., None] ** np.arange(5), powers)
+
+    return at
 
 
 class FlightModel:
@@ -204,11 +245,11 @@ class FlightModel:
         start = self.shared + TOSS_TERMS * toss
         return slice(start, start + TOSS_TERMS)
 
-    def path(self, x: Array, toss: int) -> FlightPath:
-        """Motion in a toss, by its number, at the times of its frames, with the unknowns x (count,)."""
-        views, start = self.tosses[toss]
-        time = 1e-9 * (views.time_ns - views.time_ns[0]).astype(np.float64)
-        return fly(self.body, start.R_world_object, x, x[self.own(toss)], time)
+    def paths(self, x: Array) -> list[FlightPath]:
+        """Motion in each toss, at the times of its frames, with the unknowns x (count,)."""
+        bases = np.array([start.R_world_object for _, start in self.tosses])
+        own = x[self.shared :].reshape(-1, TOSS_TERMS)
+        return fly(self.body, bases, x, own, [views.seconds for views, _ in self.tosses])
 
     def corners(self, x: Array) -> Array:
         """Corners (k, 4, 3) of the tags in the object frame O [m], with the unknowns x (count,)."""
@@ -222,17 +263,16 @@ class FlightModel:
         """Expected corners (rows,) [ideal px] and derivatives (rows, count); a view has 8 rows, x and y."""
         expected: list[Array] = []
         derivatives: list[Array] = []
-        for number in range(len(self.tosses)):
-            pixels, by = self._toss(x, number)
+        for number, path in enumerate(self.paths(x)):
+            pixels, by = self._toss(x, number, path)
             expected.append(pixels)
             derivatives.append(by)
         return np.concatenate(expected), np.concatenate(derivatives)
 
-    def _toss(self, x: Array, number: int) -> tuple[Array, Array]:
+    def _toss(self, x: Array, number: int, path: FlightPath) -> tuple[Array, Array]:
         views, _ = self.tosses[number]
-        path = self.path(x, number)
         R_camera_world, p_camera_world = world_to_camera(self._camera)
-        time = 1e-9 * (views.time_ns - views.time_ns[0]).astype(np.float64)[views.frame]
+        time = views.seconds[views.frame]
         corners = self.corners(x)[views.tag]
         R = path.R_world_object[views.frame]
         arms = np.einsum("mij,mcj->mci", R, corners - x[COM])

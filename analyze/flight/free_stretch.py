@@ -56,7 +56,7 @@ def free_stretch(
     if len(views) < _MIN_FRAMES:
         return None
     R, origin = body_poses(views, tags, camera)
-    time = 1e-9 * (views.time_ns - views.time_ns[0]).astype(np.float64)
+    time = views.seconds
     R_camera_world = camera.T_world_camera[:3, :3].T
     free = np.zeros(len(time), dtype=bool)
     stops = np.searchsorted(time, time + WINDOW_S, side="right")
@@ -105,7 +105,7 @@ def trimmed_flight(
             return part, fit
         far = max(early, late) > _FAR_OFF * usual
         cut = max(_CUT_FRAMES, round(_CUT_SHARE * len(part)) if far else 0)
-        path = fit.model.path(fit.x, 0)
+        path = fit.model.paths(fit.x)[0]
         if early > late:
             start, guess = start + cut, TossStart.at(path, cut)
         else:

@@ -101,7 +101,7 @@ def analyse_toss(
 
 def _judged(ids: tuple[str, str], views: TossViews, fit: TossFit) -> TossMotion:
     """Verdict of a flight by its length, spin, views and residuals."""
-    path = fit.model.path(fit.x, 0)
+    path = fit.model.paths(fit.x)[0]
     spin = path.spin.mean(axis=0)
     turns = float(np.linalg.norm(path.spin, axis=1).mean()) / (2 * np.pi)
     angle = _axis_angle(spin, unit_inertia(with_size(fit.x[SHAPE], fit.model.body.log_size))[0])

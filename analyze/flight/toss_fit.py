@@ -127,7 +127,7 @@ def fit_tosses(
     start = np.concatenate([first, *(each.numbers for _, each in tosses)])
     observed = np.concatenate([*(views.corners.ravel() for views, _ in tosses), mean])
     corner_sd = np.concatenate([np.repeat(views.sd, 8) for views, _ in tosses])
-    scale = np.concatenate([np.minimum(sd, 0.1), np.tile(_OWN_SCALE, len(tosses))])
+    scale = _SCALE * np.concatenate([np.minimum(sd, 0.1), np.tile(_OWN_SCALE, len(tosses))])
 
     def expected(x: Array) -> tuple[Array, Array]:
         pixels, by = model(x)
@@ -141,6 +141,8 @@ def fit_tosses(
 
 _OWN_SCALE = np.repeat([1e-2, 1e-1, 1e-3, 1e-2], 3)
 """typical changes of a toss's own unknowns [rad, rad/s, m, m/s]"""
+_SCALE = 30.0
+"""factor on typical changes: a step of 3e-4 of them ends the fit"""
 
 
 def _result(model: FlightModel, found: Minimum, corner_sd: Array, sd: Array) -> TossFit:

@@ -57,6 +57,11 @@ class TossViews:
     def __len__(self) -> int:
         return len(self.time_ns)
 
+    @property
+    def seconds(self) -> Array:
+        """Times (n,) of the frames since the first [s]."""
+        return 1e-9 * (self.time_ns - self.time_ns[0]).astype(np.float64)
+
     def part(self, start: int, stop: int) -> TossViews:
         """Views in the frames with indices [start, stop) only."""
         kept = (self.frame >= start) & (self.frame < stop)
