@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from analyze.flight.views import TagSet, TossViews
-    from analyze.types import Array, CameraModel
+    from analyze.types import Array, CameraModel, IntArray
 
 COM, SHAPE, GRAVITY, DRAG = slice(0, 3), slice(3, 8), slice(8, 11), slice(11, 13)
 """places among the unknowns: c [m, in O], five numbers of the tensor's shape, gravity [m/s^2, in W],
@@ -298,7 +298,7 @@ class FlightModel:
         self._by_tags(x, views.tag, into_object, by)
         return pixels.ravel(), by.reshape(-1, self.count)
 
-    def _by_tags(self, x: Array, tag: Array, into_object: Array, by: Array) -> None:
+    def _by_tags(self, x: Array, tag: IntArray, into_object: Array, by: Array) -> None:
         """Fill in the derivatives (m, 4, 2, count) of the views' corners by the tags' size, place, turn."""
         terms = x[FIRST_TAG : self.shared].reshape(-1, TAG_TERMS)
         arms = self.corners(x) - self.tags.centres[:, None, :] - terms[:, None, :3]

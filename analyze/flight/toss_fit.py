@@ -170,7 +170,8 @@ def _result(model: FlightModel, found: Minimum, corner_sd: Array, sd: Array) -> 
 
 def _by_corner(model: FlightModel, values: Array) -> Array:
     """Values (rows,) of all corners, in sequences of one coordinate of one corner over the frames."""
-    first, parts = 0, []
+    first = 0
+    parts: list[Array] = []
     for views, _ in model.tosses:
         each = values[first : first + 8 * len(views.tag)].reshape(-1, 8)
         parts += [each[views.tag == tag].T.ravel() for tag in range(len(model.tags.names))]
