@@ -18,12 +18,13 @@ from analyze.errors import PlanError
 from analyze.geometry.rotations import apply, inverse_transform
 from analyze.planning.examine import Bench
 from analyze.planning.hypothesis import Hypothesis
+from analyze.planning.prepared import PreparedObject
 from analyze.planning.toss_card import toss_card
 from analyze.planning.toss_hold import Hold, best_hold
 from analyze.tracking.camera_model import project
 from analyze.types import Array, CameraModel
 from schemas.object_spec import ObjectSpec
-from schemas.strike_plan import PlannedToss, Range
+from schemas.strike_plan import TOSS_PLAN_VERSION, PlannedToss, Range, StrikePlan
 
 TURNS_PER_S = Range(min=2.0, target=3.0, max=4.0)
 """spin [turns/s]: slower ones turn too little in the air, faster ones blur the tags"""
@@ -56,6 +57,23 @@ class FlightPlace:
     """(3,) place of c at the top of the flight, in W [m]"""
     tag_px: float
     """mean edge of the smallest tag there, if it faces the camera [px]"""
+
+
+def with_tosses(plan: StrikePlan, prepared: PreparedObject, count: int) -> StrikePlan:
+    """Plan with `count` tosses added after its strikes; the plan itself for none.
+
+    A flight shorter than WISHED_S is noted among the plan's warnings.
+
+    Raises:
+        PlanError: no toss can be planned.
+    """
+    if count == 0:
+        return plan
+    tosses = plan_tosses(prepared.spec, prepared.believed, prepared.bench, count)
+    flight = tosses[0].flight_s.target
+    notes = [] if flight >= WISHED_S else [_short(flight)]
+    changes = {"tosses": tosses, "schema_version": TOSS_PLAN_VERSION, "warnings": [*plan.warnings, *notes]}
+    return plan.model_copy(update=changes)
 
 
 def plan_tosses(spec: ObjectSpec, believed: Hypothesis, bench: Bench, count: int) -> list[PlannedToss]:
@@ -269,6 +287,14 @@ def _sufficient_size(reach: float, focal: float, bench: Bench) -> float | None:
             size = np.ceil(1000 * LEAST_TAG_PX * float(depth) / focal + 1) / 1000
             return float(size) if size < 0.1 else None
     return None
+
+
+def _short(flight_s: float) -> str:
+    """Note that the tosses are short, with the remedy."""
+    return (
+        f"tosses last {flight_s:.2f} s, so that the image shows them whole with tags of {LEAST_TAG_PX:g} px; "
+        f"from {WISHED_S:g} s on they determine the inertia better: larger tags allow that"
+    )
 
 
 def _unseen(spec: ObjectSpec, hold: Hold) -> str:
