@@ -9,10 +9,12 @@ from acquire.session import actions, events
 from acquire.session.events import Order
 from acquire.session.machine import MAX_FAULTS, State
 from acquire.session.options import SessionOptions
+from acquire.session.toss_steps import FlightWatch
 from acquire.session.tosses import StrikesAndTosses, TossMachine, session_machine
 from schemas.planned_toss import PlannedToss
 from schemas.strike_plan import StrikePlan
 from schemas.strike_result import Verdict
+from schemas.watch_lines import SeenMarker, WatchEvent
 from tests.acquire.session.test_machine import plan, planned, verdict
 from tests.schemas.test_planned_toss import TOSS
 
@@ -145,3 +147,29 @@ def test_a_stop_ends_the_session(throwing):
 def test_an_event_of_a_strike_is_refused():
     with pytest.raises(ValueError, match="Ready does not belong to state PLACING of a toss"):
         tossing("t1").handle(events.Ready())
+
+
+def seen(looks: list[tuple[float, bool]]) -> list[bool]:
+    """Answers of a FlightWatch to looks 90 ms apart: place of a marker [px], and whether it is at rest."""
+    watch = FlightWatch()
+    return [
+        watch.is_over(
+            WatchEvent(
+                time_ns=90_000_000 * number,
+                markers=[SeenMarker(id=0, corners_px=[[x, 0.0], [x + 1, 0], [x + 1, 1], [x, 1]])],
+                at_rest=rest,
+                saturated_fraction=0.0,
+            )
+        )
+        for number, (x, rest) in enumerate(looks)
+    ]
+
+
+def test_a_toss_is_over_half_a_second_after_the_flight():
+    held, flight, lying = [(0.0, True)] * 20, [(40.0 * n, False) for n in range(1, 6)], [(200.0, True)] * 8
+    answers = seen(held + flight + lying)
+    assert answers.index(True) == 25 + 6
+
+
+def test_a_hand_that_trembles_has_not_tossed():
+    assert not any(seen([(3.0 * (n % 2), n % 5 == 0) for n in range(60)] + [(0.0, True)] * 20))
