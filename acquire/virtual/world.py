@@ -194,10 +194,10 @@ class World:
         self._model.geom_contype[self._tip] = 0
         self._push, self._contact, self._at_rest, self._slow_ticks = None, None, True, 0
 
-    def let_go(self, after_s: float) -> None:
-        """Toss the object that is held after a time [s]; nothing happens if none is held."""
+    def let_go(self, time_ns: int) -> None:
+        """Toss the object that is held at a world time [ns]; nothing happens if none is held."""
         if self._flight.release_ns is not None:
-            self._flight.release_ns = self.time_ns + round(after_s * 1e9)
+            self._flight.release_ns = time_ns
 
     # --- time
 

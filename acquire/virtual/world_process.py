@@ -237,7 +237,7 @@ class WorldProcess:
 
     def _toss(self, request: dict[str, Any]) -> dict[str, Any]:
         if "after_s" in request:
-            self.world.let_go(float(request["after_s"]))
+            self.world.let_go(self._clock_ns() + round(1e9 * float(request["after_s"])))
             return {"ok": True}
         planned, kind = PlannedToss.model_validate(request["toss"]), TossKind(request["kind"])
         self.world.toss(hand_toss(planned, self._object, self._hand, kind), float(request["hold_s"]))
