@@ -10,6 +10,7 @@ Frames: W (world, z up, table z = 0) and O (object); c is the centre of mass.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +39,8 @@ MARGIN_M = 0.03
 """distance of the flight from the image's upper and lower end [m]: a hand does not throw more exactly"""
 BORDER_PX = 5.0
 """border of the image that counts as outside [px]"""
+NEAR_PRINCIPAL_RAD = np.radians(5.0)
+"""angle to a principal axis within which a spin determines no product of inertia"""
 DIRECTIONS = 1000
 """number of directions among which the spin axes are chosen"""
 APART = 54.74 / 70.53
@@ -60,9 +63,7 @@ class FlightPlace:
 
 
 def with_tosses(plan: StrikePlan, prepared: PreparedObject, count: int) -> StrikePlan:
-    """Plan with `count` tosses added after its strikes; the plan itself for none.
-
-    A flight shorter than WISHED_S is noted among the plan's warnings.
+    """Plan with `count` tosses added after its strikes, and `toss_notes` to its warnings; itself for none.
 
     Raises:
         PlanError: no toss can be planned.
@@ -70,10 +71,28 @@ def with_tosses(plan: StrikePlan, prepared: PreparedObject, count: int) -> Strik
     if count == 0:
         return plan
     tosses = plan_tosses(prepared.spec, prepared.believed, prepared.bench, count)
+    warnings = [*plan.warnings, *toss_notes(tosses)]
+    return plan.model_copy(
+        update={"tosses": tosses, "schema_version": TOSS_PLAN_VERSION, "warnings": warnings}
+    )
+
+
+def toss_notes(tosses: Sequence[PlannedToss]) -> list[str]:
+    """Notes for the user on what tosses will determine less well; usually none."""
+    notes: list[str] = []
     flight = tosses[0].flight_s.target
-    notes = [] if flight >= WISHED_S else [_short(flight)]
-    changes = {"tosses": tosses, "schema_version": TOSS_PLAN_VERSION, "warnings": [*plan.warnings, *notes]}
-    return plan.model_copy(update=changes)
+    if flight < WISHED_S:
+        notes.append(
+            f"tosses last {flight:.2f} s, so that the image shows them whole with tags of "
+            f"{LEAST_TAG_PX:g} px; from {WISHED_S:g} s on they determine the inertia better: larger tags "
+            "allow that"
+        )
+    if max(toss.principal_axis_angle_rad or 0.0 for toss in tosses) < NEAR_PRINCIPAL_RAD:
+        notes.append(
+            "the three moments of inertia are expected to be equal, so that every axis is a principal axis: "
+            "tosses show whether they are, but determine no product of inertia well"
+        )
+    return notes
 
 
 def plan_tosses(spec: ObjectSpec, believed: Hypothesis, bench: Bench, count: int) -> list[PlannedToss]:
@@ -287,14 +306,6 @@ def _sufficient_size(reach: float, focal: float, bench: Bench) -> float | None:
             size = np.ceil(1000 * LEAST_TAG_PX * float(depth) / focal + 1) / 1000
             return float(size) if size < 0.1 else None
     return None
-
-
-def _short(flight_s: float) -> str:
-    """Note that the tosses are short, with the remedy."""
-    return (
-        f"tosses last {flight_s:.2f} s, so that the image shows them whole with tags of {LEAST_TAG_PX:g} px; "
-        f"from {WISHED_S:g} s on they determine the inertia better: larger tags allow that"
-    )
 
 
 def _unseen(spec: ObjectSpec, hold: Hold) -> str:
