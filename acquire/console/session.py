@@ -13,7 +13,9 @@ from acquire.errors import AcquireError
 from schemas.terminal import PlainTextColumn, Terminal
 
 PLACE_KEYS = "Press Enter when the object is placed"
-TOSS_KEYS = "Press Enter when it is held ready, s and Enter to leave this toss out, a and Enter to repeat the last one"
+TOSS_KEYS = (
+    "Press Enter when it is held ready, s and Enter to skip this toss, a and Enter to repeat the last one"
+)
 TOSS_ORDERS = {"s": "skip", "a": "again"}
 """order by the key that is typed when a toss is asked for"""
 
