@@ -23,6 +23,8 @@ _TRIED_FRAMES, _LAGS = 6, (1, 3)
 """number of frames whose poses are tried, and of frames from each to the one that gives the spin"""
 _FITTED_GUESSES = 2
 """number of the best guesses that are fitted"""
+_GOOD_PX = 0.5
+"""rms residual of a fit to a guess [px] below which no further guess is fitted"""
 _CLIP_PX = 40.0
 """largest distance of a corner that counts [px]"""
 
@@ -82,7 +84,11 @@ def first_fit(
         start = TossStart(R[first] @ matrix_from_vector(-spin * time[first]), spin, line[0], line[1])
         guesses.append((_misfit(body, camera, tags, views, start, shared), start))
     best = sorted(guesses, key=lambda each: each[0])[:_FITTED_GUESSES]
-    fits = [fit_tosses(body, prior, camera, tags, [(views, start)]) for _, start in best]
+    fits: list[TossFit] = []
+    for _, start in best:
+        fits.append(fit_tosses(body, prior, camera, tags, [(views, start)]))
+        if float(np.sqrt(np.mean(fits[-1].residual ** 2))) < _GOOD_PX:
+            break
     return min(fits, key=lambda fit: fit.cost)
 
 

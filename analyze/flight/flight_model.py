@@ -238,7 +238,7 @@ class FlightModel:
         self.tags = tags
         self.shared = FIRST_TAG + TAG_TERMS * len(tags.names)
         self.count = self.shared + TOSS_TERMS * len(tosses)
-        self._camera = camera
+        self.camera = camera
 
     def own(self, toss: int) -> slice:
         """Places of a toss's own unknowns among all, by its number."""
@@ -271,14 +271,14 @@ class FlightModel:
 
     def _toss(self, x: Array, number: int, path: FlightPath) -> tuple[Array, Array]:
         views, _ = self.tosses[number]
-        R_camera_world, p_camera_world = world_to_camera(self._camera)
+        R_camera_world, p_camera_world = world_to_camera(self.camera)
         time = views.seconds[views.frame]
         corners = self.corners(x)[views.tag]
         R = path.R_world_object[views.frame]
         arms = np.einsum("mij,mcj->mci", R, corners - x[COM])
         in_camera = (path.place[views.frame][:, None, :] + arms) @ R_camera_world.T + p_camera_world
-        pixels = project_ideal(self._camera, in_camera)
-        into = np.einsum("mcij,jk->mcik", project_jacobian(self._camera, in_camera), R_camera_world)
+        pixels = project_ideal(self.camera, in_camera)
+        into = np.einsum("mcij,jk->mcik", project_jacobian(self.camera, in_camera), R_camera_world)
         by = np.zeros((*pixels.shape, self.count))
         by_turn = -np.einsum("mcij,mcjk->mcik", into, hat(arms))
         own = self.own(number)

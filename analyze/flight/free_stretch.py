@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.flight.first_guess import body_poses, first_fit
+from analyze.flight.flight_model import FlightModel
 from analyze.flight.toss_fit import FlightPrior, TossFit, fit_tosses
 
 if TYPE_CHECKING:
@@ -39,6 +40,8 @@ _SKIPPED_FRAMES, _MAX_LATE_FRAMES = 2, 20
 """frames left out at once at the start if the first do not fit, and at most"""
 _MAX_CORE_PX, _MAX_GROWTH = 1.0, 1.6
 """largest rms residual of the first frames [px], and its largest growth by frames that are added"""
+_MAX_PREDICTED_PX = 8.0
+"""largest median distance of the corners in frames that are added from where the fit so far predicts them"""
 _GUARD_FRAMES = 1
 """frames cut off at either end in any case, as the hand and the cushion push softly at first"""
 
@@ -107,15 +110,31 @@ def grown_flight(
         if views.seconds[end] - views.seconds[end - 1] > _BRIDGED_S:
             break
         part = views.part(begin, end + more)
-        again = [(part, found.starts()[0])]
-        fit = fit_tosses(body, prior, camera, tags, again, found.x[: found.model.shared])
-        if _ends_fit(part, fit) and _rms_px(fit) < _MAX_GROWTH * max(_rms_px(found), float(part.sd.mean())):
+        fit = _extended(part, found, end - begin)
+        if fit is not None:
             end, found = begin + len(part), fit
         else:
             more //= 2
     part = views.part(begin, end - _GUARD_FRAMES)
     again = [(part, found.starts()[0])]
     return part, fit_tosses(body, prior, camera, tags, again, found.x[: found.model.shared])
+
+
+def _extended(views: TossViews, fit: TossFit, fitted: int) -> TossFit | None:
+    """Fit to a flight with further frames, which begins from that to its first `fitted` ones.
+
+    None if the further frames do not belong to the flight: the fit so far predicts other places, or the new
+    one fits its ends worse than the rest.
+    """
+    model = FlightModel(fit.model.body, fit.model.camera, fit.model.tags, [(views, fit.starts()[0])])
+    shared = fit.x[: fit.model.shared]
+    predicted, _ = model(np.concatenate([shared, model.tosses[0][1].numbers]))
+    off = np.abs(predicted - views.corners.ravel()).reshape(-1, 8)[views.frame >= fitted]
+    if not float(np.median(off)) < _MAX_PREDICTED_PX:
+        return None
+    new = fit_tosses(model.body, fit.prior, model.camera, model.tags, model.tosses, shared)
+    usual = max(_rms_px(fit), float(views.sd.mean()))
+    return new if _ends_fit(views, new) and _rms_px(new) < _MAX_GROWTH * usual else None
 
 
 def _ends_fit(views: TossViews, fit: TossFit) -> bool:
