@@ -115,7 +115,7 @@ class TossSteps:
             window_end_ns=action.recorded.window_end_ns,
         )
         self.kept += 1
-        self._report(f"{toss_id}: tossed, {action.recorded.frames} frames")
+        self._report(f"{toss_id}: tossed, {counted(action.recorded.frames, 'frame')}")
 
 
 class FlightWatch:
