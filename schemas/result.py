@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 from pydantic import Field, model_validator
 
+from schemas.contents_result import ContentsResult
 from schemas.document import Document, SparseDocument, Vector3
 from schemas.fixture_result import FixtureResult
 from schemas.quantity import RENAMED, Quantity, RenamedDocument, json_entries
@@ -55,6 +56,7 @@ class WarningCode(enum.Enum):
     STRIKES_SCATTER = "strikes_scatter"
     REST_TURNED = "rest_turned"
     MARKER_MOVED = "marker_moved"
+    NOT_RIGID = "not_rigid"
 
 
 class ResultWarning(Document):
@@ -286,6 +288,7 @@ class Result(SparseDocument):
         "filling",
         "frame_times",
         "fixture",
+        "contents",
     )
 
     schema_version: str = RESULT_VERSION
@@ -341,6 +344,10 @@ class Result(SparseDocument):
 
     fixture: FixtureResult | None = Field(
         default=None, description="what was struck with the object and subtracted; not written without one"
+    )
+
+    contents: ContentsResult | None = Field(
+        default=None, description="whether something moves inside; not written in older results"
     )
 
     robustness: list[AlternativeResult] | None = Field(

@@ -8,6 +8,7 @@ import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from analyze.result.contents import contents_lines, pose_rows
 from analyze.result.digits import ScaledUnit, open_interval, signed, with_interval
 from analyze.result.fixture import fixture_lines
 from analyze.result.frame_times import frame_time_lines
@@ -58,8 +59,11 @@ def render_summary(answer: Answer, console: Terminal | None = None) -> None:
         *tilt_lines(result),
         *radius_lines(result),
         *frame_time_lines(result.frame_times, len(recordings) > 1),
+        *contents_lines(result),
     ]:
         console.print(line)
+    if rows := pose_rows(result):
+        console.print(_poses(rows))
     console.print()
     console.print(_strikes(result, shown.unit))
     console.print(_moments(result, shown.unit))
@@ -105,6 +109,13 @@ def _narrow_table(title: str, headings: Sequence[str]) -> Table:
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 1))
     for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)
+    return table
+
+
+def _poses(rows: Sequence[tuple[str, ...]]) -> Table:
+    table = _narrow_table("Centre of mass by pose, mm, 95 %", ["on face", *"xyz", "off"])
+    for row in rows:
+        table.add_row(*row)
     return table
 
 

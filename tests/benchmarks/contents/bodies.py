@@ -18,6 +18,8 @@ MOST_FILLED = 0.85
 """largest filled share of a cavity"""
 REPOSE = (math.radians(25), math.radians(35))
 """range of the angle of repose of powder"""
+LOG_DAMPING = (-0.9, 0.6)
+"""range of the decimal logarithm of a liquid's damping [1/s]: half a percent to a fifth of the critical one"""
 ATTEMPTS = 400
 
 
@@ -149,7 +151,7 @@ def draw_box(contents: Contents, rng: np.random.Generator) -> Box:
     """Random box that holds these contents and can be tested: two poses, one of them with two directions."""
     for _ in range(ATTEMPTS):
         box = _drawn(contents, rng)
-        if box is not None and test_edges(box, rng) is not None:
+        if box is not None and tested_edges(box, rng) is not None:
             return box
     raise ValueError(f"no box holds {contents}")
 
@@ -170,10 +172,12 @@ def _drawn(contents: Contents, rng: np.random.Generator) -> Box | None:
     second = (size**2 * outer - cavity**2 * inner) / 12 / (outer - inner)
     reach = rng.uniform(0.008, 0.02)
     com = (1 - wall_share) * lump
-    about = wall_share * np.diag(second) + (1 - wall_share) * (0.2 * reach**2 * np.eye(3) + np.outer(lump, lump))
+    about = wall_share * np.diag(second) + (1 - wall_share) * (
+        0.2 * reach**2 * np.eye(3) + np.outer(lump, lump)
+    )
     about = fixed * (about - np.outer(com, com))
     friction = {Kind.LUMP: rng.uniform(*contents.friction), Kind.POWDER: math.tan(rng.uniform(*REPOSE))}
-    damping = {Kind.LIQUID: 0.02 * 20 * 10 ** rng.uniform(-0.5, 1), Kind.PENDULUM: 0.02 * 20 * 10 ** rng.uniform(-0.5, 1)}
+    damping = rng.uniform(*LOG_DAMPING) if contents.kind in (Kind.LIQUID, Kind.PENDULUM) else -math.inf
     return Box(
         size,
         wall,
@@ -182,20 +186,22 @@ def _drawn(contents: Contents, rng: np.random.Generator) -> Box | None:
         com,
         np.trace(about) * np.eye(3) - about,
         radius=float(rng.choice([1e-4, 3e-4, 1e-3, 2e-3])),
-        friction=rng.uniform(0.25, 0.8),
+        friction=rng.uniform(0.3, 0.8),
         table_rate=rng.uniform(700, 2500),
         table_damping=rng.uniform(0.1, 0.35),
         contents=contents,
         inner_friction=friction.get(contents.kind, 0.0),
-        inner_damping=damping.get(contents.kind, 0.0),
+        inner_damping=10**damping,
         place=rng.uniform(0.2, 0.8),
         lump_size=min(0.03, 0.4 * float(cavity.min())),
     )
 
 
-def test_edges(box: Box, rng: np.random.Generator) -> list[Edge] | None:
+def tested_edges(box: Box, rng: np.random.Generator) -> list[Edge] | None:
     """Edges of a test: two that are not parallel in one pose, one or two in another; None if there are none."""
-    good = [edge for edge in EDGES if PHI_RANGE[0] < box.balance(edge) < PHI_RANGE[1] and _stands(box, edge.pose)]
+    good = [
+        edge for edge in EDGES if PHI_RANGE[0] < box.balance(edge) < PHI_RANGE[1] and _stands(box, edge.pose)
+    ]
     order = [good[i] for i in rng.permutation(len(good))]
     for first in order:
         second = next((e for e in order if e.pose == first.pose and e.third != first.third), None)

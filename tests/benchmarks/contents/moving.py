@@ -67,8 +67,7 @@ def pendulum_path(width: float, depth: float) -> Path:
     share = 8 * np.tanh(wave) / (np.pi**3 * depth / width)
     share = min(float(share), 0.9)
     # Place of the moving mass over the bottom, so that force and moment are those of the wave.
-    at = depth - width / np.pi * np.tanh(wave / 2) * 2 + 0.0
-    at = max(float(at), 0.25 * depth)
+    at = max(depth - 2 * width / np.pi * float(np.tanh(wave / 2)), 0.25 * depth)
     angle = np.linspace(-STEEPEST, STEEPEST, NODES)
     places = np.stack([length * np.sin(angle), at + length * (1 - np.cos(angle))], axis=-1)
     still = (0.5 * depth - share * at) / (1 - share)

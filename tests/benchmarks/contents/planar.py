@@ -171,7 +171,7 @@ class _State:
         """State at rest: both edges pressed into the table as the weight on each requires."""
         state = _State(lanes, curves)
         place = curves.at(curves.start)[0]
-        share = (lanes.mass * 0 + lanes.moving * place[0]) / (lanes.mass + lanes.moving)
+        share = lanes.moving * place[0] / (lanes.mass + lanes.moving)
         front = (lanes.width - lanes.back + share) / lanes.width
         weight = (lanes.mass + lanes.moving) * G
         sunk = np.stack([front, 1 - front]) * weight / state.stiffness
@@ -252,7 +252,10 @@ class _State:
         turn = nx * pz - nz * px
         along = ux * pz - uz * px
         speed = long * qd
-        drag = ml * lanes.inner_damping * speed + np.clip(speed / CREEP, -1, 1) * lanes.inner_friction * self.press
+        drag = (
+            ml * lanes.inner_damping * speed
+            + np.clip(speed / CREEP, -1, 1) * lanes.inner_friction * self.press
+        )
         over, under = self.q - self.curves.high, self.curves.low - self.q
         drag += np.where(over > 0, ml * (STOP_STIFFNESS * over * long + STOP_DAMPING * speed), 0.0)
         drag += np.where(under > 0, ml * (-STOP_STIFFNESS * under * long + STOP_DAMPING * speed), 0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,15 +24,15 @@ from tests.analyze.motion.drawn_strikes import T0, seen
 from tests.analyze.motion.sliding import Body as PlanarBody
 from tests.analyze.motion.sliding import Course
 from tests.analyze.simulated_session import manifest
-from tests.benchmarks.contents.bodies import Box, Edge, needed_energy, test_edges
+from tests.benchmarks.contents.bodies import Box, Edge, needed_energy, tested_edges
 from tests.benchmarks.contents.moving import floor_path
-from tests.benchmarks.contents.planar import NODES, Courses, Curves, Lanes, simulate
+from tests.benchmarks.contents.planar import Courses, Curves, Lanes, simulate
 
 RATE = 120.0
 """frames per second"""
 REST = 0.25
 """time filmed before the push [s]"""
-ATTEMPTS = 2
+ATTEMPTS = 3
 """times that a strike is made until it is usable"""
 TEST_ENERGIES = (1.06, 1.25, 1.6)
 """energy ratios of the strikes on the first edge"""
@@ -73,7 +73,7 @@ class Session:
 def draw_session(box: Box, seed: int, energies: Sequence[float] = TEST_ENERGIES) -> Session:
     """Strikes of a contents test on a box: `energies` on one edge, two strikes on each of the others."""
     rng = np.random.default_rng((0xC0117, seed))
-    edges = test_edges(box, rng)
+    edges = tested_edges(box, rng)
     assert edges is not None
     stated = max(0.0, box.radius + rng.normal(0, RADIUS_SD))
     spec = ObjectSpec(
@@ -133,6 +133,11 @@ def _planned(
     )
 
 
+def lanes_of(session: Session) -> int:
+    """Number of simulated motions of a session: all attempts of all its strikes."""
+    return ATTEMPTS * len(session.strikes)
+
+
 def simulate_sessions(sessions: Sequence[Session]) -> Courses:
     """Motions of all attempts of all strikes of several sessions, in their order."""
     rows, paths, starts = [], [], []
@@ -159,12 +164,14 @@ def _lane(
     path = box.path(edge)
     moving = (box.mass - box.fixed) * (path.share if path else 0.0)
     still = box.mass - box.fixed - moving
-    fixed, com, inertia = box.fixed, np.array([0.0, 0.0]), float(box.inertia[axis, axis])
+    fixed, inertia = box.fixed, float(box.inertia[axis, axis])
     # From the middle of the box's face on the table, ahead and up.
-    rigid = np.array([edge.side * box.com[edge.third], 0.5 * box.size[edge.face] - edge.sign * box.com[edge.face]])
+    rigid = np.array(
+        [edge.side * box.com[edge.third], 0.5 * box.size[edge.face] - edge.sign * box.com[edge.face]]
+    )
     com = rigid
     if still > 0 and path is not None:
-        place = np.array(path.still) + [0.0, box.wall]
+        place = np.array([path.still[0], path.still[1] + box.wall])
         inertia += fixed * still / (fixed + still) * float((place - rigid) @ (place - rigid))
         com = (fixed * rigid + still * place) / (fixed + still)
     needed_inertia, needed = needed_energy(box, edge)
@@ -188,7 +195,7 @@ def _lane(
         rng.uniform(0.002, 0.004),
     ]
     path = path or floor_path(0.05, 0.02, 0.5)
-    return row, path.places + [0.0, box.wall] - com, path.parameter, path.start
+    return row, path.places - (com - np.array([0.0, box.wall])), path.parameter, path.start
 
 
 def session_evidence(session: Session, courses: Courses, first: int) -> Evidence:
@@ -235,20 +242,20 @@ def _analysed(
         return np.where(frames < 0, 0.0, np.interp(frames, courses.time, values[:, lane]))
 
     box, planned, edge = session.box, made.planned, made.edge
-    theta = sampled(courses.theta) + np.where(frames > 0, 1.0, 0.0) * 0
+    theta = sampled(courses.theta)
     course = Course(frames, theta, sampled(courses.slip), sampled(courses.lift))
     planar = PlanarBody(R=0.1, phi=box.balance(edge), inertia=0.004, rho=box.radius)
     tracked, _ = seen(course, planar, rng, session.noise)
     turned = rng.normal(0, REST_SD)
     # The followed point is the plan's, beside the true centre line of the rounding.
     stated = planned.pivot.radius_m
-    off = np.array([faces[edge.third, edge.side], -faces[edge.pose]]) + (box.radius - stated) * np.array([-1, 1])
+    off = np.array([faces[edge.third, edge.side], -faces[edge.pose]]) + (box.radius - stated) * np.array(
+        [-1, 1]
+    )
     cos, sin = np.cos(theta), np.sin(theta)
     along = -off[0] * (cos - 1) - off[1] * sin + (box.radius - stated) * theta
     over = off[0] * sin - off[1] * (cos - 1)
     angle = tracked.angle
-    from dataclasses import replace
-
     moved = np.where(theta > math.radians(0.3), turned, 0.0)
     tracked = replace(
         tracked,

@@ -1,0 +1,55 @@
+"""Contents of the struck body that move: tests of rigidity, and the fill level of a stated container."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from analyze.estimation.fill_level import KnownDensity
+from analyze.estimation.joint_model import COM
+from analyze.estimation.rigidity import Answer, Rigidity, check_rigidity
+from analyze.estimation.settled_contents import SettledContents, settled_contents
+from analyze.pipeline.filling import RELATIVE_DENSITY_SD, filling_label
+
+if TYPE_CHECKING:
+    from analyze.pipeline.solved import SolvedStrikes
+
+
+@dataclass(frozen=True)
+class LooseContents:
+    """Answer to the question whether the struck body is rigid, with what follows where it is not."""
+
+    rigidity: Rigidity
+    """tests, and the centre of mass of each pose"""
+    settled: SettledContents | None = None
+    """fill level by the poses' centres of mass; None if the body passes, names no filling, or is held in a
+    fixture"""
+
+    @property
+    def not_rigid(self) -> bool:
+        """True if a test shows that something moves inside."""
+        return self.rigidity.answer is Answer.NOT_RIGID
+
+
+def loose_contents(solved: SolvedStrikes) -> LooseContents:
+    """Test whether the body that tipped is rigid; if it is not, and names a filling, estimate its level.
+
+    Args:
+        solved: joint solution of all strikes of one or several recordings.
+    """
+    rigidity = check_rigidity(
+        solved.planes,
+        [motion.energy_ratio or 1.0 for motion in solved.used],
+        solved.solution.x[COM],
+        solved.systematic,
+        solved.prior,
+    )
+    label = filling_label(solved.evidence)
+    if rigidity.answer is not Answer.NOT_RIGID or label is None or solved.fixture is not None:
+        return LooseContents(rigidity)
+    density = None
+    if label.density_kg_m3 is not None:
+        density_sd = label.density_sd_kg_m3 or RELATIVE_DENSITY_SD * label.density_kg_m3
+        density = KnownDensity(label.density_kg_m3, density_sd)
+    settled = settled_contents(rigidity.poses.centres, solved.cells, solved.scale.mass, density)
+    return LooseContents(rigidity, settled)

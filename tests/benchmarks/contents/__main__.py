@@ -1,0 +1,152 @@
+"""Trial of the tests of rigidity: `make bench-contents` (fifteen minutes on two cores).
+
+Closed boxes with something inside that stays or moves (bodies.py, moving.py) are struck in a simulation of
+their own (planar.py), with hop, slip and rounded edges. The motions are seen with noise (sessions.py), and go
+through the real motion analysis and the whole answer (scores.py). Printed are false alarms, what was found by
+content and amount, and how often the answer trusts a wrong centre of mass.
+
+A small run, and the sessions of one cell:
+
+    python -m tests.benchmarks.contents --rigid 20 --each 3
+    python -m tests.benchmarks.contents --cells "powder 10 %" --each 10
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ProcessPoolExecutor, as_completed
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from tests.benchmarks.contents.bodies import Contents, Kind, draw_box
+from tests.benchmarks.contents.scores import Score, score_session
+from tests.benchmarks.contents.sessions import lanes_of, draw_session, session_evidence, simulate_sessions
+
+CHUNK = 8
+"""sessions that are simulated together"""
+SHARES = (0.02, 0.05, 0.1, 0.2, 0.4)
+"""shares of liquid and powder in the mass"""
+LUMPS = ((0.1, 0.3), (0.3, 0.45))
+"""ranges of the friction of a lump on its floor"""
+LUMP_SHARES = (0.05, 0.1, 0.2)
+RIGID = "nothing moves"
+LEAST_PROMISED = 20
+"""fewest sessions from which the share of kept promises is printed"""
+
+
+def cells() -> dict[str, Contents]:
+    """Contents by the name of their row: rigid boxes first, then by content and amount."""
+    found = {RIGID: Contents(Kind.NOTHING)}
+    for kind in (Kind.LIQUID, Kind.PENDULUM, Kind.POWDER):
+        found |= {f"{kind.value} {100 * share:.0f} %": Contents(kind, share) for share in SHARES}
+    for low, high in LUMPS:
+        for share in LUMP_SHARES:
+            name = f"{Kind.LUMP.value} {100 * share:.0f} %, µ {low:g} to {high:g}"
+            found[name] = Contents(Kind.LUMP, share, (low, high))
+    return found
+
+
+def run_chunk(cell: str, seeds: list[int]) -> list[Score]:
+    """Draw, strike, analyse and score sessions of one cell."""
+    contents = cells()[cell]
+    sessions = [
+        draw_session(draw_box(contents, np.random.default_rng((0xB0C5, *cell.encode(), seed))), seed)
+        for seed in seeds
+    ]
+    courses, first, found = simulate_sessions(sessions), 0, []
+    for session in sessions:
+        found.append(score_session(cell, session, session_evidence(session, courses, first)))
+        first += lanes_of(session)
+    return found
+
+
+def print_tables(console: Console, scores: list[Score]) -> None:
+    """Print what was found by content and amount, and what the answer promises and trusts."""
+    table = Table(title="Is it rigid? Answers by what the box holds")
+    for name in (
+        "contents",
+        "sessions",
+        "refused",
+        "not rigid",
+        "by energies",
+        "by poses",
+        "nothing moves",
+        "not tested",
+        "wrong c trusted before",
+        "now",
+    ):
+        table.add_column(name, justify="left" if name == "contents" else "right")
+    for cell in dict.fromkeys(each.cell for each in scores):
+        mine = [each for each in scores if each.cell == cell]
+        answered = [each for each in mine if each.answer != "refused"]
+        table.add_row(
+            cell,
+            str(len(mine)),
+            str(len(mine) - len(answered)),
+            _percent([each.answer == "not_rigid" for each in answered]),
+            _percent([each.by_energies for each in answered]),
+            _percent([each.by_poses for each in answered]),
+            _percent([each.answer == "nothing_moves" for each in answered]),
+            _percent([each.answer == "not_tested" for each in answered]),
+            str(sum(each.trusted_before and each.wrong for each in answered)),
+            str(sum(each.trusted and each.wrong for each in answered)),
+        )
+    console.print(table)
+    rigid = [each for each in scores if each.cell == RIGID and each.answer != "refused"]
+    if rigid:
+        kept = sum(each.trusted for each in rigid)
+        shares = np.array([min(each.share, 1.0) for each in rigid])
+        console.print(
+            f"rigid: {sum(each.answer == 'not_rigid' for each in rigid)} false alarms of {len(rigid)}; c trusted"
+            f" {kept} of {sum(each.trusted_before for each in rigid)} as before; stated smallest share: median"
+            f" {100 * np.median(shares):.0f} %, nine of ten below {100 * np.quantile(shares, 0.9):.0f} %"
+        )
+    liquid = [each for each in scores if each.cell.startswith("liquid") and each.answer != "refused"]
+    promised = [each for each in liquid if _share(each.cell) > each.share]
+    if len(promised) >= LEAST_PROMISED:
+        found = np.mean([each.answer == "not_rigid" for each in promised])
+        console.print(f"liquid above the smallest share that its session states: {100 * found:.0f} % found")
+
+
+def _share(cell: str) -> float:
+    return float(cell.rpartition(" %")[0].rpartition(" ")[2]) / 100
+
+
+def _percent(values: list[bool]) -> str:
+    return f"{100 * np.mean(values):.0f} %" if values else "–"
+
+
+@click.command()
+@click.option("--rigid", default=320, show_default=True, help="Number of rigid boxes.")
+@click.option("--each", default=16, show_default=True, help="Number of boxes of every other cell.")
+@click.option("--seed", default=1, show_default=True)
+@click.option("--cells", "chosen", default="all", show_default=True, help="Rows, separated by semicolons.")
+@click.option("--workers", default=2, show_default=True)
+@click.option("--verbose", is_flag=True, help="Also print each session.")
+def main(rigid: int, each: int, seed: int, chosen: str, workers: int, verbose: bool) -> None:
+    """Run sessions of every content and amount, and print the tables."""
+    names = list(cells()) if chosen == "all" else chosen.split(";")
+    if unknown := set(names) - set(cells()):
+        raise click.BadParameter(f"{', '.join(sorted(unknown))}: choose from {'; '.join(cells())}")
+    tasks = []
+    for name in names:
+        seeds = [1000 * seed + i for i in range(rigid if name == RIGID else each)]
+        tasks += [(name, seeds[i : i + CHUNK]) for i in range(0, len(seeds), CHUNK)]
+    scores: list[Score] = []
+    with ProcessPoolExecutor(workers) as pool, Progress(console=Console(stderr=True), transient=True) as bar:
+        shown = bar.add_task("sessions", total=sum(len(task[1]) for task in tasks))
+        for done in as_completed([pool.submit(run_chunk, *task) for task in tasks]):
+            scores += done.result()
+            bar.advance(shown, len(done.result()))
+    scores.sort(key=lambda score: (names.index(score.cell), score.seed))
+    console = Console(width=170, highlight=False, emoji=False)
+    for score in scores if verbose else ():
+        console.print(score, soft_wrap=True)
+    print_tables(console, scores)
+
+
+if __name__ == "__main__":
+    main()
