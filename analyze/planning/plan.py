@@ -10,6 +10,7 @@ import numpy as np
 from analyze.errors import PlanError
 from analyze.geometry.station import turned_camera
 from analyze.planning import design, forecast, impact
+from analyze.planning.contents import ContentsTest, contents_test
 from analyze.planning.card import TURNED_CARD, placement_card
 from analyze.planning.examine import TURNED, UsableAxis
 from analyze.planning.fillings import Pieces, region_forecast
@@ -58,6 +59,8 @@ class PlanRequest:
     the usual strike of that edge is added too if it is not in the plan."""
     most_axes: int | None = None
     """Largest number of different axes, each a placement by hand; None for as many as pay."""
+    contents: bool = False
+    """True to strike one edge at three energies and on two faces, to test whether something moves inside."""
 
 
 def plan_strikes(
@@ -111,6 +114,10 @@ def plan_strikes(
         first = prepared.made + len(planned) + 1
         axis = predicted[each.candidate.axis.id]
         planned += [_strike(f"s{first + i}", each, prepared, axis) for i in range(repeats)]
+    tested = None
+    if request.contents:
+        tested = contents_test(prepared, chosen.chosen, chosen.repeats)
+        planned = _with_contents_test(planned, tested, prepared, chosen)
     if turnables:
         planned += _turned_strikes(turnables, prepared, chosen, len(planned))
     advice = forecast.advice(information, chosen, prepared.made, prepared.model.primitive is not None, so_far)
@@ -156,7 +163,11 @@ def plan_strikes(
         prediction=prediction,
         hypothesis=plan_hypothesis(prepared),
         rejected=list(prepared.rejected),
-        warnings=[*prepared.model.warnings, *_warnings(prepared, usable)],
+        warnings=[
+            *prepared.model.warnings,
+            *_warnings(prepared, usable),
+            *([tested.warning] if tested is not None and tested.warning else []),
+        ],
     )
 
 
@@ -289,6 +300,44 @@ def _strike(
             turned=heading != 0.0,
         ),
     )
+
+
+def _with_contents_test(
+    planned: Sequence[PlannedStrike],
+    tested: ContentsTest,
+    prepared: PreparedObject,
+    chosen: design.Design,
+) -> list[PlannedStrike]:
+    """Planned strikes with those that a test of contents requires, numbered anew.
+
+    The first strikes on the tested axis take its energies; what is missing of them, and of a second pose, is
+    put beside the strikes on the same axis, or at the end.
+    """
+    left = list(tested.energies)
+    found: list[PlannedStrike] = []
+    axis_id = prepared.usable[tested.index].candidate.axis.id
+    for strike in planned:
+        if strike.axis_id == axis_id and strike.heading_rad == 0.0 and left:
+            found.append(_at_energy(tested.index, left.pop(0), prepared, chosen))
+        else:
+            found.append(strike)
+    further = [_at_energy(tested.index, energy, prepared, chosen) for energy in left]
+    usable = prepared.usable
+    further += [_at_energy(index, usable[index].energy, prepared, chosen) for index in tested.added]
+    for strike in further:
+        same = [i for i, each in enumerate(found) if each.axis_id == strike.axis_id]
+        found.insert(same[-1] + 1 if same else len(found), strike)
+    first = prepared.made + 1
+    return [each.model_copy(update={"id": f"s{first + i}"}) for i, each in enumerate(found)]
+
+
+def _at_energy(
+    index: int, energy: float, prepared: PreparedObject, chosen: design.Design
+) -> PlannedStrike:
+    """Entry of the plan, without a number, for a strike on a usable axis at an energy ratio."""
+    alone = design.Design((index,), (1,), chosen.covariance)
+    (predicted,) = forecast.axis_forecasts(prepared.information, alone)
+    return _strike("s0", replace(prepared.usable[index], energy=energy), prepared, predicted)
 
 
 def _turned_strikes(

@@ -13,7 +13,10 @@ A small run, and the sessions of one cell:
 
 from __future__ import annotations
 
+import json
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict
+from pathlib import Path
 
 import click
 import numpy as np
@@ -25,7 +28,7 @@ from tests.benchmarks.contents.bodies import Contents, Kind, draw_box
 from tests.benchmarks.contents.scores import Score, score_session
 from tests.benchmarks.contents.sessions import lanes_of, draw_session, session_evidence, simulate_sessions
 
-CHUNK = 8
+CHUNK = 6
 """sessions that are simulated together"""
 SHARES = (0.02, 0.05, 0.1, 0.2, 0.4)
 """shares of liquid and powder in the mass"""
@@ -61,6 +64,11 @@ def run_chunk(cell: str, seeds: list[int]) -> list[Score]:
         found.append(score_session(cell, session, session_evidence(session, courses, first)))
         first += lanes_of(session)
     return found
+
+
+def read_score(line: str) -> Score:
+    """Score of a session, as `--scores` keeps it."""
+    return Score(**json.loads(line))
 
 
 def print_tables(console: Console, scores: list[Score]) -> None:
@@ -125,27 +133,36 @@ def _percent(values: list[bool]) -> str:
 @click.option("--seed", default=1, show_default=True)
 @click.option("--cells", "chosen", default="all", show_default=True, help="Rows, separated by semicolons.")
 @click.option("--workers", default=2, show_default=True)
-@click.option("--verbose", is_flag=True, help="Also print each session.")
-def main(rigid: int, each: int, seed: int, chosen: str, workers: int, verbose: bool) -> None:
+@click.option(
+    "--scores",
+    "kept",
+    type=click.Path(path_type=Path),
+    help="File to which scores are appended; sessions in it are not run again, but counted.",
+)
+def main(rigid: int, each: int, seed: int, chosen: str, workers: int, kept: Path | None) -> None:
     """Run sessions of every content and amount, and print the tables."""
     names = list(cells()) if chosen == "all" else chosen.split(";")
     if unknown := set(names) - set(cells()):
         raise click.BadParameter(f"{', '.join(sorted(unknown))}: choose from {'; '.join(cells())}")
-    tasks = []
+    scores = [] if kept is None or not kept.exists() else [read_score(line) for line in kept.open()]
+    done, tasks = {(score.cell, score.seed) for score in scores}, []
     for name in names:
         seeds = [1000 * seed + i for i in range(rigid if name == RIGID else each)]
+        seeds = [each for each in seeds if (name, each) not in done]
         tasks += [(name, seeds[i : i + CHUNK]) for i in range(0, len(seeds), CHUNK)]
-    scores: list[Score] = []
     with ProcessPoolExecutor(workers) as pool, Progress(console=Console(stderr=True), transient=True) as bar:
         shown = bar.add_task("sessions", total=sum(len(task[1]) for task in tasks))
-        for done in as_completed([pool.submit(run_chunk, *task) for task in tasks]):
-            scores += done.result()
-            bar.advance(shown, len(done.result()))
-    scores.sort(key=lambda score: (names.index(score.cell), score.seed))
-    console = Console(width=170, highlight=False, emoji=False)
-    for score in scores if verbose else ():
-        console.print(score, soft_wrap=True)
-    print_tables(console, scores)
+        for made in as_completed([pool.submit(run_chunk, *task) for task in tasks]):
+            scores += made.result()
+            bar.advance(shown, len(made.result()))
+            if kept is not None:
+                with kept.open("a") as file:
+                    file.writelines(json.dumps(asdict(score)) + "\n" for score in made.result())
+    scores = sorted(
+        (score for score in scores if score.cell in names),
+        key=lambda score: (names.index(score.cell), score.seed),
+    )
+    print_tables(Console(width=170, highlight=False, emoji=False), scores)
 
 
 if __name__ == "__main__":
