@@ -10,8 +10,8 @@ import numpy as np
 from analyze.errors import PlanError
 from analyze.geometry.station import turned_camera
 from analyze.planning import design, forecast, impact
-from analyze.planning.contents import ContentsTest, contents_test
 from analyze.planning.card import TURNED_CARD, placement_card
+from analyze.planning.contents import ContentsTest, contents_test
 from analyze.planning.examine import TURNED, UsableAxis
 from analyze.planning.fillings import Pieces, region_forecast
 from analyze.planning.footing import unsure_note

@@ -20,9 +20,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 G = 9.80665
-STEP = 5e-5
+STEP = 1e-4
 """time step [s]"""
-KEPT = 20
+KEPT = 10
 """steps per kept row: one in a millisecond"""
 SETTLING = 0.08
 """time to settle before the push [s]"""
