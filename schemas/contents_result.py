@@ -72,7 +72,7 @@ class ContentsResult(SparseDocument):
     text: str = Field(description="the answer in words, with its evidence")
     detectable_share: float | None = Field(
         default=None,
-        description="smallest share of a liquid in the mass that would have been found; not written without a test",
+        description="smallest share of a liquid in the mass that would have been found; not written if none",
     )
     energies: ContentsTest | None = Field(
         description="test of strikes over one edge at several energies; null if no edge was struck twice"

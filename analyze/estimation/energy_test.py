@@ -25,10 +25,10 @@ from analyze.types import Array, EquiPlane
 K_SCATTER = 5e-3
 """Relative 1 sigma of k from strike to strike beyond the error of its fit."""
 TREND_PROBABILITY = 0.05
-"""Probability by chance up to which a rise of phi with the energy counts as one, among strikes that scatter."""
+"""Probability by chance up to which phi counts as rising with the energy, among strikes that scatter."""
 K_PROBABILITY, SURE_K_PROBABILITY = 0.01, 1e-5
-"""Probabilities by chance up to which k scatters, which no turn of the object at rest explains: with a rise of
-phi, and without one."""
+"""Probabilities by chance up to which k counts as scattering, which no turn of the object at rest explains:
+with a rise of phi, and without one."""
 TURN_PER_SHARE = 0.2
 """Rise of phi [rad] with the logarithm of the energy by a liquid, per share of the mass, at a width of the
 body across the edge equal to the distance of c from it: what nine of ten simulated liquids reach."""

@@ -91,7 +91,13 @@ def pose_test(
     found = _shift_test(planes, faces, com, systematic, prior)
     for i in range(len(planes)):
         kept = np.arange(len(planes)) != i
-        other = _shift_test([planes[j] for j in np.flatnonzero(kept)], faces[kept], com, systematic, prior)
+        other = _shift_test(
+            [plane for plane, stays in zip(planes, kept.tolist(), strict=True) if stays],
+            faces[kept],
+            com,
+            systematic,
+            prior,
+        )
         if other.chi_squared - other.limit < found.chi_squared - found.limit:
             found = other
     return replace(found, centres=centres)

@@ -1,8 +1,8 @@
 """Fill level of a container whose contents move, from the centre of mass of its poses at rest.
 
 The body is a shell of one density with contents that fill the lowest part of its inside, up to a level
-surface, in every pose. With v the filled share of the inside and w the contents' share of the mass, the centre
-of mass of a pose with the upward direction u is
+surface, in every pose. With v the filled share of the inside and w the contents' share of the mass, the
+centre of mass of a pose with the upward direction u is
 
     c(u) = (1 - w) c_shell + w b(v, u),
 
@@ -71,7 +71,7 @@ def settled_contents(
     chi_squared = np.zeros(filled.shape)
     for centre in centres:
         lowest = _lowest_centroids(cells, centre.up)
-        settled = np.stack([np.interp(filled, FILLED_GRID, axis) for axis in lowest.T], axis=-1)
+        settled = _columns(filled, FILLED_GRID, lowest)
         off = (1 - share)[:, None] * shell + share[:, None] * settled - centre.position
         precision = np.linalg.inv(centre.covariance + uneven)
         chi_squared += np.einsum("ni,ij,nj->n", off, precision, off)
@@ -100,8 +100,14 @@ def _lowest_centroids(cells: Cells, up: Array) -> Array:
     volume = cells.interior[order]
     total = np.concatenate([[0.0], np.cumsum(volume)])
     moment = np.concatenate([np.zeros((1, 3)), np.cumsum(volume[:, None] * cells.points[order], axis=0)])
-    below = np.stack([np.interp(FILLED_GRID * total[-1], total, axis) for axis in moment.T], axis=-1)
-    return np.asarray(below / (FILLED_GRID * total[-1])[:, None], dtype=np.float64)
+    below = _columns(FILLED_GRID * total[-1], total, moment)
+    return below / (FILLED_GRID * total[-1])[:, None]
+
+
+def _columns(at: Array, places: Array, values: Array) -> Array:
+    """Values (n, c) interpolated at `at` (n,) between `places` (m,), where they are `values` (m, c)."""
+    found = [np.interp(at, places, values[:, i]) for i in range(values.shape[1])]
+    return np.column_stack(found).astype(np.float64)
 
 
 def _marginal(values: Array, probability: Array, widest: float) -> Marginal:

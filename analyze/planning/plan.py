@@ -331,9 +331,7 @@ def _with_contents_test(
     return [each.model_copy(update={"id": f"s{first + i}"}) for i, each in enumerate(found)]
 
 
-def _at_energy(
-    index: int, energy: float, prepared: PreparedObject, chosen: design.Design
-) -> PlannedStrike:
+def _at_energy(index: int, energy: float, prepared: PreparedObject, chosen: design.Design) -> PlannedStrike:
     """Entry of the plan, without a number, for a strike on a usable axis at an energy ratio."""
     alone = design.Design((index,), (1,), chosen.covariance)
     (predicted,) = forecast.axis_forecasts(prepared.information, alone)

@@ -62,9 +62,16 @@ def render_summary(answer: Answer, console: Terminal | None = None) -> None:
         *contents_lines(result),
     ]:
         console.print(line)
+    console.print()
+    _print_tables(result, shown, console)
+    for warning in further_warnings(result):
+        console.print(styled((warning.code.value, "yellow"), f": {warning.text}"))
+
+
+def _print_tables(result: Result, shown: Headline, console: Terminal) -> None:
+    """Print the tables of poses (of a body that is not rigid), strikes, moments, masses and what-ifs."""
     if rows := pose_rows(result):
         console.print(_poses(rows))
-    console.print()
     console.print(_strikes(result, shown.unit))
     console.print(_moments(result, shown.unit))
     console.print(_regions(result))
@@ -74,8 +81,6 @@ def render_summary(answer: Answer, console: Terminal | None = None) -> None:
         console.print(_filling(result.filling))
     if result.robustness:
         console.print(_robustness(result.robustness))
-    for warning in further_warnings(result):
-        console.print(styled((warning.code.value, "yellow"), f": {warning.text}"))
 
 
 def _print_answer(shown: Headline, console: Terminal) -> None:

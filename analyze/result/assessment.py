@@ -42,10 +42,10 @@ def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> li
     """Sentences on an estimate: what to trust, to doubt, what is not determined, which strikes to repeat.
 
     Each begins with trust, doubt, not determined, not checked or repeat. Nothing is to be trusted in three
-    cases: something moves inside the body; the centre of mass lies more than `MAX_OUTSIDE_SD` sd outside the shape's hull; or gravity by the
-    strikes disagrees with the stated one, or a moment of inertia is impossible for the shape, although no
-    stated frame rate is wrong (a wrong one would explain both). If one axis alone makes gravity disagree,
-    only moments are doubted.
+    cases: something moves inside the body; the centre of mass lies more than `MAX_OUTSIDE_SD` sd outside the
+    shape's hull; or gravity by the strikes disagrees with the stated one, or a moment of inertia is
+    impossible for the shape, although no stated frame rate is wrong (a wrong one would explain both). If one
+    axis alone makes gravity disagree, only moments are doubted.
 
     Args:
         estimate: the estimate.

@@ -163,10 +163,8 @@ def contents_lines(result: Result) -> list[str]:
     if contents.filled_share is None or contents.mass is None:
         return []
     share, mass = contents.filled_share, contents.mass
-    return [
-        f"By the poses its container is filled to {_interval_text(share, 100)} %, with"
-        f" {_interval_text(mass, 1e3)} g (95 %)"
-    ]
+    level = f"{_interval_text(share, 100)} %, with {_interval_text(mass, 1e3)} g (95 %)"
+    return [f"By the poses its container is filled to {level}"]
 
 
 def _interval_text(found: Quantity, factor: float) -> str:

@@ -110,13 +110,14 @@ def print_tables(console: Console, scores: list[Score]) -> None:
     console.print(table)
     rigid = [each for each in scores if each.cell == RIGID and each.answer != "refused"]
     if rigid:
+        alarms = sum(each.answer == "not_rigid" for each in rigid)
         whole = [each for each in rigid if each.whole]
-        shares = np.array([min(each.share, 1.0) for each in rigid])
+        trusted, before = sum(each.trusted for each in whole), sum(each.trusted_before for each in whole)
+        shares = 100 * np.array([min(each.share, 1.0) for each in rigid])
         console.print(
-            f"rigid: {sum(each.answer == 'not_rigid' for each in rigid)} false alarms of {len(rigid)}; c trusted"
-            f" in {sum(each.trusted for each in whole)} of {len(whole)} whole answers, before in"
-            f" {sum(each.trusted_before for each in whole)}; stated smallest share: median"
-            f" {100 * np.median(shares):.0f} %, nine of ten below {100 * np.quantile(shares, 0.9):.0f} %"
+            f"rigid: {alarms} false alarms of {len(rigid)}; of {len(whole)} whole answers c is trusted in"
+            f" {trusted}, before in {before}; stated smallest share: median {np.median(shares):.0f} %, nine"
+            f" of ten below {np.quantile(shares, 0.9):.0f} %"
         )
     liquid = [each for each in scores if each.cell.startswith("liquid") and each.answer != "refused"]
     promised = [each for each in liquid if _share(each.cell) > each.share]

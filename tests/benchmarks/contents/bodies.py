@@ -19,7 +19,7 @@ MOST_FILLED = 0.85
 REPOSE = (math.radians(25), math.radians(35))
 """range of the angle of repose of powder"""
 LOG_DAMPING = (-0.9, 0.6)
-"""range of the decimal logarithm of a liquid's damping [1/s]: half a percent to a fifth of the critical one"""
+"""range of the decimal logarithm of a liquid's damping [1/s]: half a percent to a fifth of the critical"""
 ATTEMPTS = 400
 
 
@@ -198,7 +198,7 @@ def _drawn(contents: Contents, rng: np.random.Generator) -> Box | None:
 
 
 def tested_edges(box: Box, rng: np.random.Generator) -> list[Edge] | None:
-    """Edges of a test: two that are not parallel in one pose, one or two in another; None if there are none."""
+    """Edges of a test: two across each other in one pose, one or two in another; None if there are none."""
     good = [
         edge for edge in EDGES if PHI_RANGE[0] < box.balance(edge) < PHI_RANGE[1] and _stands(box, edge.pose)
     ]

@@ -92,7 +92,7 @@ class Curves:
 
     @staticmethod
     def through(parameter: np.ndarray, places: np.ndarray, start: np.ndarray) -> Curves:
-        """Curves through places (n, NODES, 2) [m] in the body frame at evenly spaced parameters (n, NODES)."""
+        """Curves through places (n, NODES, 2) [m] in the body frame at even parameters (n, NODES)."""
         rows = []
         for each, place in zip(parameter, places, strict=True):
             found = CubicSpline(each, place).c

@@ -1,15 +1,15 @@
-"""Sessions of boxes with contents: simulated strikes, seen with noise, analysed, as evidence of an estimate."""
+"""Sessions of boxes with contents: strikes simulated, seen with noise, and analysed."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from analyze.geometry.object_model import load_object_model
+from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.motion.settings import MotionSettings
 from analyze.motion.strike import analyse_motion
 from analyze.motion.strike_task import StrikeTask
@@ -91,7 +91,7 @@ def draw_session(box: Box, seed: int, energies: Sequence[float] = TEST_ENERGIES)
         for energy in energies if number == 0 else OTHER_ENERGIES:
             planned = _planned(f"s{len(strikes) + 1}", box, edge, stated, energy, rng)
             drawn = energy * (1 + rng.normal(0, ENERGY_SD, ATTEMPTS))
-            heights = planned.impact_height_m * rng.uniform(0.85, 1.05, ATTEMPTS)
+            heights = planned.aim.impact_height_m * rng.uniform(0.85, 1.05, ATTEMPTS)
             top = 0.98 * box.size[edge.face]
             strikes.append(Made(edge, planned, tuple(drawn), tuple(np.minimum(heights, top))))
     noise = float(NOISE[0] * (NOISE[1] / NOISE[0]) ** rng.random())
@@ -159,7 +159,7 @@ def simulate_sessions(sessions: Sequence[Session]) -> Courses:
 def _lane(
     session: Session, edge: Edge, energy: float, height: float, rng: np.random.Generator
 ) -> tuple[list[float], np.ndarray, np.ndarray, float]:
-    """Entries of `Lanes`, places of the moving mass (NODES, 2), its parameters (NODES,) and the first of them."""
+    """Entries of `Lanes`; places (NODES, 2) of what moves, its parameters (NODES,) and that at rest."""
     box, axis = session.box, edge.along
     path = box.path(edge)
     moving = (box.mass - box.fixed) * (path.share if path else 0.0)
@@ -212,16 +212,27 @@ def session_evidence(session: Session, courses: Courses, first: int) -> Evidence
     faces = {pose: rng.normal(0, FACE_SD) for pose in [(a, s) for a in range(3) for s in (-1, 1)]}
     motions: list[TipMotion] = []
     for number, made in enumerate(session.strikes):
-        for attempt in range(ATTEMPTS):
-            lane = first + ATTEMPTS * number + attempt
-            motion = _analysed(session, made, courses, lane, faces, (model, attempt), rng)
-            if motion.verdict in USABLE_VERDICTS and motion.fit is not None:
-                break
-        motions.append(motion)
+        lanes = range(first + ATTEMPTS * number, first + ATTEMPTS * (number + 1))
+        made_again = (
+            _analysed(session, made, courses, lane, faces, (model, attempt), rng)
+            for attempt, lane in enumerate(lanes)
+        )
+        motions.append(_first_usable(made_again))
     stated = manifest(spec).model_copy(update={"gravity_tilt_sd_rad": TILT_SD, "g_m_s2": 9.80665})
     ids = tuple(motion.strike_id for motion in motions)
     head = RecordingHead(Path("r.mcap"), stated, "c" * 64, ids, files=("r.mcap",))
     return Evidence((head,), spec, model, plan, plan.object_sha256, tuple(motions))
+
+
+def _first_usable(attempts: Iterator[TipMotion]) -> TipMotion:
+    """First motion that an estimate can use, or the last one made."""
+    motion = next(attempts)
+    while motion.verdict not in USABLE_VERDICTS or motion.fit is None:
+        following = next(attempts, None)
+        if following is None:
+            break
+        motion = following
+    return motion
 
 
 def _analysed(
@@ -230,7 +241,7 @@ def _analysed(
     courses: Courses,
     lane: int,
     faces: dict[tuple[int, int], float],
-    how: tuple[object, int],
+    how: tuple[ObjectModel, int],
     rng: np.random.Generator,
 ) -> TipMotion:
     """Motion of one attempt as the tracker sees it, analysed; `how` is the object's model and the attempt."""
