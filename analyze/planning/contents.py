@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ from analyze.errors import PlanError
 from analyze.planning import feasibility, impact
 from analyze.planning.examine import UsableAxis
 from analyze.planning.prepared import PreparedObject
+from schemas.strike_plan import PlannedStrike
 
 SLOW, MIDDLE = 1.06, 1.25
 """Energy ratios of the slow and the middle strike on the tested edge."""
@@ -55,9 +56,10 @@ def contents_test(prepared: PreparedObject, chosen: Sequence[int], repeats: Sequ
     found = next(((i, fast) for i in order if (fast := _fastest(usable[i], prepared)) is not None), None)
     if found is None:
         raise PlanError(
-            f"{prepared.spec.name}: no edge holds at an energy ratio of {FAST[-1]:g} or more, so that strikes"
-            " cannot show whether something moves inside: put it on a rougher mat and state its friction"
-            " (table_friction in [rig]), or plan without --contents"
+            f"{prepared.spec.name}: no edge holds a strike of {FAST[-1]:g} times the energy that tipping needs"
+            " and that the striker can give, so that strikes cannot show whether something moves inside: put"
+            " it on a rougher mat, or take a faster or heavier striker, and state it in the rig file; or plan"
+            " without --contents"
         )
     tested, fast = found
     poses = Counter[str]()
@@ -74,6 +76,37 @@ def contents_test(prepared: PreparedObject, chosen: Sequence[int], repeats: Sequ
     best = max(others, key=lambda index: poses[_pose(usable[index])])
     missing = STRIKES_PER_POSE - poses[_pose(usable[best])]
     return ContentsTest(tested, (SLOW, MIDDLE, fast), (best,) * max(missing, 0), "")
+
+
+def with_contents_test(
+    planned: Sequence[PlannedStrike],
+    tested: ContentsTest,
+    prepared: PreparedObject,
+    strike_on: Callable[[int, float | None], PlannedStrike],
+) -> list[PlannedStrike]:
+    """Planned strikes with those that a test of contents requires, numbered anew.
+
+    The first strikes on the tested axis take its energies. What is missing of them, and of a second pose, is
+    put behind the strikes on the same axis, or at the end.
+
+    Args:
+        planned: Strikes of the design, in the order in which to make them.
+        tested: Strikes that the test requires.
+        prepared: Checked axes and what is known of the object.
+        strike_on: Function that gives the entry of the plan for a strike on the usable axis of an index, at
+            an energy ratio; None for the axis' usual one.
+    """
+    left, found = list(tested.energies), list[PlannedStrike]()
+    axis_id = prepared.usable[tested.index].candidate.axis.id
+    for strike in planned:
+        on_axis = strike.axis_id == axis_id and strike.heading_rad == 0.0
+        found.append(strike_on(tested.index, left.pop(0)) if on_axis and left else strike)
+    further = [strike_on(tested.index, energy) for energy in left]
+    for strike in [*further, *(strike_on(index, None) for index in tested.added)]:
+        same = [i for i, each in enumerate(found) if each.axis_id == strike.axis_id]
+        found.insert(same[-1] + 1 if same else len(found), strike)
+    first = prepared.made + 1
+    return [each.model_copy(update={"id": f"s{first + i}"}) for i, each in enumerate(found)]
 
 
 def _pose(each: UsableAxis) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from analyze.errors import PlanError
 from analyze.geometry.station import turned_camera
 from analyze.planning import design, forecast, impact
 from analyze.planning.card import TURNED_CARD, placement_card
-from analyze.planning.contents import ContentsTest, contents_test
+from analyze.planning.contents import contents_test, with_contents_test
 from analyze.planning.examine import TURNED, UsableAxis
 from analyze.planning.fillings import Pieces, region_forecast
 from analyze.planning.footing import unsure_note
@@ -117,7 +118,7 @@ def plan_strikes(
     tested = None
     if request.contents:
         tested = contents_test(prepared, chosen.chosen, chosen.repeats)
-        planned = _with_contents_test(planned, tested, prepared, chosen)
+        planned = with_contents_test(planned, tested, prepared, partial(_alone, prepared, chosen))
     if turnables:
         planned += _turned_strikes(turnables, prepared, chosen, len(planned))
     advice = forecast.advice(information, chosen, prepared.made, prepared.model.primitive is not None, so_far)
@@ -302,40 +303,14 @@ def _strike(
     )
 
 
-def _with_contents_test(
-    planned: Sequence[PlannedStrike],
-    tested: ContentsTest,
-    prepared: PreparedObject,
-    chosen: design.Design,
-) -> list[PlannedStrike]:
-    """Planned strikes with those that a test of contents requires, numbered anew.
-
-    The first strikes on the tested axis take its energies; what is missing of them, and of a second pose, is
-    put beside the strikes on the same axis, or at the end.
-    """
-    left = list(tested.energies)
-    found: list[PlannedStrike] = []
-    axis_id = prepared.usable[tested.index].candidate.axis.id
-    for strike in planned:
-        if strike.axis_id == axis_id and strike.heading_rad == 0.0 and left:
-            found.append(_at_energy(tested.index, left.pop(0), prepared, chosen))
-        else:
-            found.append(strike)
-    further = [_at_energy(tested.index, energy, prepared, chosen) for energy in left]
-    usable = prepared.usable
-    further += [_at_energy(index, usable[index].energy, prepared, chosen) for index in tested.added]
-    for strike in further:
-        same = [i for i, each in enumerate(found) if each.axis_id == strike.axis_id]
-        found.insert(same[-1] + 1 if same else len(found), strike)
-    first = prepared.made + 1
-    return [each.model_copy(update={"id": f"s{first + i}"}) for i, each in enumerate(found)]
-
-
-def _at_energy(index: int, energy: float, prepared: PreparedObject, chosen: design.Design) -> PlannedStrike:
-    """Entry of the plan, without a number, for a strike on a usable axis at an energy ratio."""
+def _alone(
+    prepared: PreparedObject, chosen: design.Design, index: int, energy: float | None
+) -> PlannedStrike:
+    """Entry of the plan, still without a number, for a strike on a usable axis; None for its usual energy."""
+    each = prepared.usable[index]
     alone = design.Design((index,), (1,), chosen.covariance)
     (predicted,) = forecast.axis_forecasts(prepared.information, alone)
-    return _strike("s0", replace(prepared.usable[index], energy=energy), prepared, predicted)
+    return _strike("s0", replace(each, energy=energy or each.energy), prepared, predicted)
 
 
 def _turned_strikes(
