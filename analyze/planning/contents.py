@@ -56,10 +56,10 @@ def contents_test(prepared: PreparedObject, chosen: Sequence[int], repeats: Sequ
     found = next(((i, fast) for i in order if (fast := _fastest(usable[i], prepared)) is not None), None)
     if found is None:
         raise PlanError(
-            f"{prepared.spec.name}: no edge holds a strike of {FAST[-1]:g} times the energy that tipping needs"
-            " and that the striker can give, so that strikes cannot show whether something moves inside: put"
-            " it on a rougher mat, or take a faster or heavier striker, and state it in the rig file; or plan"
-            " without --contents"
+            f"{prepared.spec.name}: no edge holds a strike of {FAST[-1]:g} times the energy for tipping that"
+            " the striker can give, so that strikes cannot show whether something moves inside: put it on a"
+            " rougher mat, or take a faster or heavier striker, and state it in the rig file; or plan without"
+            " --contents"
         )
     tested, fast = found
     poses = Counter[str]()
