@@ -185,7 +185,7 @@ bench-honesty: setup  ## the whole answer as users give it: coverage, the verdic
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.honesty $(HONESTY)
 
 CONTENTS ?=
-bench-contents: setup  ## rigid or not: boxes with liquid, powder, loose lumps or nothing that moves (CONTENTS="--rigid 20 --each 3") (fifteen minutes)
+bench-contents: setup  ## rigid or not: boxes with liquid, powder, loose lumps or nothing that moves (CONTENTS="--rigid 20 --each 3 --contained 1") (fifteen minutes)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.contents $(CONTENTS)
 
 WORLD_SESSIONS ?=

@@ -7,8 +7,11 @@ content and amount, and how often the answer trusts a wrong centre of mass.
 
 A small run, and the sessions of one cell:
 
-    python -m tests.benchmarks.contents --rigid 20 --each 3
-    python -m tests.benchmarks.contents --cells "powder 10 %" --each 10
+    python -m tests.benchmarks.contents --rigid 20 --each 3 --contained 1
+    python -m tests.benchmarks.contents --rows "powder 10 %" --each 10
+
+Five rows are sessions of a box of `make bench-honesty` in MuJoCo, planned by `analyze plan --contents`
+(contained.py); of these and of most rigid boxes only the tests are scored, not the whole answer.
 """
 
 from __future__ import annotations
@@ -25,6 +28,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from tests.benchmarks.contents.bodies import Contents, Kind, draw_box
+from tests.benchmarks.contents.contained import INSIDES, contained_evidence
 from tests.benchmarks.contents.scores import Score, score_session, score_tests
 from tests.benchmarks.contents.sessions import draw_session, lanes_of, session_evidence, simulate_sessions
 
@@ -38,6 +42,10 @@ LUMP_SHARES = (0.05, 0.1, 0.2)
 WHOLE_EACH = 5
 """one rigid session in so many has its whole answer"""
 RIGID = "nothing moves"
+IN_MUJOCO = "in MuJoCo: "
+"""beginning of the rows of contained.py"""
+Task = tuple[str, list[int]]
+"""Row and seeds of some sessions."""
 LEAST_PROMISED = 20
 """fewest sessions from which the share of kept promises is printed"""
 
@@ -55,7 +63,10 @@ def cells() -> dict[str, Contents]:
 
 
 def run_chunk(cell: str, seeds: list[int]) -> list[Score]:
-    """Draw, strike, analyse and score sessions of one cell."""
+    """Draw, strike, analyse and score sessions of one row."""
+    if cell.startswith(IN_MUJOCO):
+        inside = next(each for each in INSIDES if IN_MUJOCO + each.name == cell)
+        return [score_tests(cell, seed, contained_evidence(inside, seed)) for seed in seeds]
     contents = cells()[cell]
     sessions = [
         draw_session(draw_box(contents, np.random.default_rng((0xB0C5, *cell.encode(), seed))), seed)
@@ -64,9 +75,11 @@ def run_chunk(cell: str, seeds: list[int]) -> list[Score]:
     courses, first, found = simulate_sessions(sessions), 0, []
     for session in sessions:
         # That a rigid body is trusted as before needs fewer sessions than the share of false alarms.
-        whole = cell != RIGID or session.seed % WHOLE_EACH == 0
-        score = score_session if whole else score_tests
-        found.append(score(cell, session, session_evidence(session, courses, first)))
+        evidence = session_evidence(session, courses, first)
+        if cell != RIGID or session.seed % WHOLE_EACH == 0:
+            found.append(score_session(cell, session, evidence))
+        else:
+            found.append(score_tests(cell, session.seed, evidence))
         first += lanes_of(session)
     return found
 
@@ -134,11 +147,22 @@ def _percent(values: list[bool]) -> str:
     return f"{100 * np.mean(values):.0f} %" if values else "–"
 
 
+def _tasks(names: list[str], counts: dict[str, int], seed: int, done: set[tuple[str, int]]) -> list[Task]:
+    """Chunks of sessions that are not done yet, by row."""
+    found: list[Task] = []
+    for name in names:
+        seeds = [1000 * seed + i for i in range(counts.get(name, counts[""]))]
+        left = [each for each in seeds if (name, each) not in done]
+        found += [(name, left[i : i + CHUNK]) for i in range(0, len(left), CHUNK)]
+    return found
+
+
 @click.command()
 @click.option("--rigid", default=320, show_default=True, help="Number of rigid boxes.")
-@click.option("--each", default=10, show_default=True, help="Number of boxes of every other cell.")
+@click.option("--each", default=10, show_default=True, help="Number of boxes of every other row.")
+@click.option("--contained", default=4, show_default=True, help="Sessions of every row in MuJoCo.")
 @click.option("--seed", default=1, show_default=True)
-@click.option("--cells", "chosen", default="all", show_default=True, help="Rows, separated by semicolons.")
+@click.option("--rows", "chosen", default="all", show_default=True, help="Rows, separated by semicolons.")
 @click.option("--workers", default=2, show_default=True)
 @click.option(
     "--scores",
@@ -146,17 +170,17 @@ def _percent(values: list[bool]) -> str:
     type=click.Path(path_type=Path),
     help="File to which scores are appended; sessions in it are not run again, but counted.",
 )
-def main(rigid: int, each: int, seed: int, chosen: str, workers: int, kept: Path | None) -> None:
+def main(
+    rigid: int, each: int, contained: int, seed: int, chosen: str, workers: int, kept: Path | None
+) -> None:
     """Run sessions of every content and amount, and print the tables."""
-    names = list(cells()) if chosen == "all" else chosen.split(";")
-    if unknown := set(names) - set(cells()):
-        raise click.BadParameter(f"{', '.join(sorted(unknown))}: choose from {'; '.join(cells())}")
+    known = [*cells(), *(IN_MUJOCO + inside.name for inside in INSIDES)]
+    names = known if chosen == "all" else chosen.split(";")
+    if unknown := set(names) - set(known):
+        raise click.BadParameter(f"{', '.join(sorted(unknown))}: choose from {'; '.join(known)}")
+    counts = {"": each, RIGID: rigid} | {name: contained for name in known if name.startswith(IN_MUJOCO)}
     scores = [] if kept is None or not kept.exists() else [read_score(line) for line in kept.open()]
-    done, tasks = {(score.cell, score.seed) for score in scores}, []
-    for name in names:
-        seeds = [1000 * seed + i for i in range(rigid if name == RIGID else each)]
-        seeds = [each for each in seeds if (name, each) not in done]
-        tasks += [(name, seeds[i : i + CHUNK]) for i in range(0, len(seeds), CHUNK)]
+    tasks = _tasks(names, counts, seed, {(score.cell, score.seed) for score in scores})
     with ProcessPoolExecutor(workers) as pool, Progress(console=Console(stderr=True), transient=True) as bar:
         shown = bar.add_task("sessions", total=sum(len(task[1]) for task in tasks))
         for made in as_completed([pool.submit(run_chunk, *task) for task in tasks]):

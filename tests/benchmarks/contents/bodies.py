@@ -151,7 +151,7 @@ def draw_box(contents: Contents, rng: np.random.Generator) -> Box:
     """Random box that holds these contents and can be tested: two poses, one of them with two directions."""
     for _ in range(ATTEMPTS):
         box = _drawn(contents, rng)
-        if box is not None and tested_edges(box, rng) is not None:
+        if box is not None and chosen_edges(box, rng) is not None:
             return box
     raise ValueError(f"no box holds {contents}")
 
@@ -197,7 +197,7 @@ def _drawn(contents: Contents, rng: np.random.Generator) -> Box | None:
     )
 
 
-def tested_edges(box: Box, rng: np.random.Generator) -> list[Edge] | None:
+def chosen_edges(box: Box, rng: np.random.Generator) -> list[Edge] | None:
     """Edges of a test: two across each other in one pose, one or two in another; None if there are none."""
     good = [
         edge for edge in EDGES if PHI_RANGE[0] < box.balance(edge) < PHI_RANGE[1] and _stands(box, edge.pose)

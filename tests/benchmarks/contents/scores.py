@@ -56,17 +56,17 @@ class Score:
     """True if the whole answer was made, False if only the tests were"""
 
 
-def score_tests(cell: str, session: Session, evidence: Evidence) -> Score:
+def score_tests(cell: str, seed: int, evidence: Evidence) -> Score:
     """Score of the tests of contents alone, which take a hundredth of the time of the whole answer."""
     used = usable_motions(evidence)
     if len(used) < MIN_STRIKES:
-        return Score(cell, session.seed, "refused", refusal="too few strikes", whole=False)
+        return Score(cell, seed, "refused", refusal="too few strikes", whole=False)
     planes, errors = equiplanes(evidence, used), systematic_errors(evidence)
     prior = ComPrior.from_bounds(*evidence.model.bounds)
     com = solve_joint(planes, errors, prior).x[COM]
     found = check_rigidity(planes, [motion.energy_ratio or 1.0 for motion in used], com, errors, prior)
     moves = found.energies.moves, found.poses.moves
-    return Score(cell, session.seed, found.answer.value, *moves, found.share, whole=False)
+    return Score(cell, seed, found.answer.value, *moves, found.share, whole=False)
 
 
 def score_session(cell: str, session: Session, evidence: Evidence) -> Score:

@@ -24,7 +24,7 @@ from tests.analyze.motion.drawn_strikes import T0, seen
 from tests.analyze.motion.sliding import Body as PlanarBody
 from tests.analyze.motion.sliding import Course
 from tests.analyze.simulated_session import manifest
-from tests.benchmarks.contents.bodies import Box, Edge, needed_energy, tested_edges
+from tests.benchmarks.contents.bodies import Box, Edge, needed_energy, chosen_edges
 from tests.benchmarks.contents.moving import floor_path
 from tests.benchmarks.contents.planar import Courses, Curves, Lanes, simulate
 
@@ -73,7 +73,7 @@ class Session:
 def draw_session(box: Box, seed: int, energies: Sequence[float] = TEST_ENERGIES) -> Session:
     """Strikes of a contents test on a box: `energies` on one edge, two strikes on each of the others."""
     rng = np.random.default_rng((0xC0117, seed))
-    edges = tested_edges(box, rng)
+    edges = chosen_edges(box, rng)
     assert edges is not None
     stated = max(0.0, box.radius + rng.normal(0, RADIUS_SD))
     spec = ObjectSpec(
