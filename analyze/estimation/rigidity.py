@@ -19,6 +19,8 @@ from analyze.estimation.pose_test import PoseShift, pose_test
 from analyze.estimation.priors import ComPrior, SystematicErrors
 from analyze.types import Array, EquiPlane
 
+MIN_JOLTED = 2
+"""Fewest strikes whose speed jumped from which they count: a single one may be a second impact."""
 LARGEST_SHARE = 0.5
 """Largest share of the mass that a test must be able to find to count as a test."""
 
@@ -63,6 +65,7 @@ def check_rigidity(
     com: Array,
     systematic: SystematicErrors,
     prior: ComPrior,
+    jolted: tuple[Sequence[EquiPlane], Sequence[float]] = ((), ()),
 ) -> Rigidity:
     """Test whether the strikes are those of a rigid body.
 
@@ -73,11 +76,25 @@ def check_rigidity(
         com: (3,) centre of mass [m] by all strikes together, in O.
         systematic: Stated standard deviations of errors that strikes share, and of their scatter.
         prior: Prior of c; its sd are half the extents of the body.
+        jolted: Equi-planes and energy ratios of further strikes whose speed jumped, as by a second impact or
+            by contents that hit a wall. They count if there are `MIN_JOLTED` or more, and if the test of the
+            energies finds something whichever of them is left out.
 
     Returns:
         Both tests with their figures, and the centre of mass of each pose.
     """
-    return Rigidity(
-        energy_test(planes, np.array(energy_ratios, dtype=np.float64), com, systematic, prior),
-        pose_test(planes, com, systematic, prior),
-    )
+    energies = energy_test(planes, np.array(energy_ratios, dtype=np.float64), com, systematic, prior)
+    if not energies.moves and len(jolted[0]) >= MIN_JOLTED:
+        without_one = [
+            energy_test(
+                [*planes, *(plane for j, plane in enumerate(jolted[0]) if j != i)],
+                np.array([*energy_ratios, *(ratio for j, ratio in enumerate(jolted[1]) if j != i)]),
+                com,
+                systematic,
+                prior,
+            )
+            for i in range(len(jolted[0]))
+        ]
+        if all(each.moves for each in without_one):
+            energies = min(without_one, key=lambda each: each.chi_squared / each.limit)
+    return Rigidity(energies, pose_test(planes, com, systematic, prior))

@@ -230,7 +230,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         rest=turns_at_rest(evidence, used),
         surface_error=solved.surface_error,
         fixture=solved.fixture,
-        contents=loose_contents(solved),
+        contents=loose_contents(solved, options),
     )
 
 

@@ -9,10 +9,16 @@ from analyze.estimation.fill_level import KnownDensity
 from analyze.estimation.joint_model import COM
 from analyze.estimation.rigidity import Answer, Rigidity, check_rigidity
 from analyze.estimation.settled_contents import SettledContents, settled_contents
+from analyze.pipeline.equiplanes import equiplanes
 from analyze.pipeline.filling import RELATIVE_DENSITY_SD, filling_label
+from schemas.strike_result import Verdict
 
 if TYPE_CHECKING:
-    from analyze.pipeline.solved import SolvedStrikes
+    from collections.abc import Collection, Sequence
+
+    from analyze.pipeline.evidence import Evidence
+    from analyze.pipeline.solved import EstimateOptions, SolvedStrikes
+    from analyze.types import TipMotion
 
 
 @dataclass(frozen=True)
@@ -31,18 +37,40 @@ class LooseContents:
         return self.rigidity.answer is Answer.NOT_RIGID
 
 
-def loose_contents(solved: SolvedStrikes) -> LooseContents:
+def energy_ratios(motions: Sequence[TipMotion]) -> list[float]:
+    """Energy ratio of each fitted motion: energy of the strike over the energy needed to reach balance."""
+    return [motion.energy_ratio or 1.0 for motion in motions]
+
+
+def jolted_motions(evidence: Evidence, exclude: Collection[str] = ()) -> list[TipMotion]:
+    """Fitted motions with a jump in speed, as by a second impact or by contents that hit a wall.
+
+    They are not used for the estimate. `exclude` holds ids of strikes that the user leaves out.
+    """
+    return [
+        motion
+        for motion in evidence.motions
+        if motion.verdict is Verdict.STRUCK_TWICE
+        and motion.fit is not None
+        and motion.strike_id not in exclude
+    ]
+
+
+def loose_contents(solved: SolvedStrikes, options: EstimateOptions) -> LooseContents:
     """Test whether the body that tipped is rigid; if it is not, and names a filling, estimate its level.
 
     Args:
         solved: joint solution of all strikes of one or several recordings.
+        options: choices of the user, of which the strikes to exclude and the estimator are used.
     """
+    jolted = jolted_motions(solved.evidence, options.exclude)
     rigidity = check_rigidity(
         solved.planes,
-        [motion.energy_ratio or 1.0 for motion in solved.used],
+        energy_ratios(solved.used),
         solved.solution.x[COM],
         solved.systematic,
         solved.prior,
+        (equiplanes(solved.evidence, jolted, options.estimator), energy_ratios(jolted)),
     )
     label = filling_label(solved.evidence)
     if rigidity.answer is not Answer.NOT_RIGID or label is None or solved.fixture is not None:

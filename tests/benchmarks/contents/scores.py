@@ -20,7 +20,7 @@ from analyze.estimation.rigidity import Rigidity, check_rigidity
 from analyze.pipeline.equiplanes import equiplanes, systematic_errors
 from analyze.pipeline.estimate import estimate_evidence
 from analyze.pipeline.evidence import Evidence
-from analyze.pipeline.loose_contents import LooseContents
+from analyze.pipeline.loose_contents import LooseContents, energy_ratios, jolted_motions
 from analyze.pipeline.solved import MIN_STRIKES, usable_motions
 from analyze.result.document import result_document
 from schemas.result import Result
@@ -64,7 +64,9 @@ def score_tests(cell: str, seed: int, evidence: Evidence) -> Score:
     planes, errors = equiplanes(evidence, used), systematic_errors(evidence)
     prior = ComPrior.from_bounds(*evidence.model.bounds)
     com = solve_joint(planes, errors, prior).x[COM]
-    found = check_rigidity(planes, [motion.energy_ratio or 1.0 for motion in used], com, errors, prior)
+    jolted = jolted_motions(evidence)
+    further = equiplanes(evidence, jolted), energy_ratios(jolted)
+    found = check_rigidity(planes, energy_ratios(used), com, errors, prior, further)
     moves = found.energies.moves, found.poses.moves
     return Score(cell, seed, found.answer.value, *moves, found.share, whole=False)
 

@@ -24,7 +24,7 @@ from tests.analyze.motion.drawn_strikes import T0, seen
 from tests.analyze.motion.sliding import Body as PlanarBody
 from tests.analyze.motion.sliding import Course
 from tests.analyze.simulated_session import manifest
-from tests.benchmarks.contents.bodies import Box, Edge, needed_energy, chosen_edges
+from tests.benchmarks.contents.bodies import Box, Edge, chosen_edges, needed_energy
 from tests.benchmarks.contents.moving import floor_path
 from tests.benchmarks.contents.planar import Courses, Curves, Lanes, simulate
 
