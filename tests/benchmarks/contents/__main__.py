@@ -30,7 +30,13 @@ from rich.table import Table
 from tests.benchmarks.contents.bodies import Contents, Kind, draw_box
 from tests.benchmarks.contents.contained import INSIDES, contained_evidence
 from tests.benchmarks.contents.scores import Score, score_session, score_tests
-from tests.benchmarks.contents.sessions import draw_session, lanes_of, session_evidence, simulate_sessions
+from tests.benchmarks.contents.sessions import (
+    TEST_ENERGIES,
+    draw_session,
+    lanes_of,
+    session_evidence,
+    simulate_sessions,
+)
 
 CHUNK = 8
 """sessions that are simulated together"""
@@ -42,6 +48,11 @@ LUMP_SHARES = (0.05, 0.1, 0.2)
 WHOLE_EACH = 5
 """one rigid session in so many has its whole answer"""
 RIGID = "nothing moves"
+USUAL = "usual plan: "
+"""beginning of the rows of sessions without a fast strike"""
+USUALLY_STRUCK = ("liquid, level 20 %", "powder 20 %", "loose lump 10 %, µ 0.1 to 0.3")
+USUAL_ENERGIES = (1.1, 1.15, 1.2)
+"""energy ratios of their strikes on the first edge"""
 IN_MUJOCO = "in MuJoCo: "
 """beginning of the rows of contained.py"""
 Task = tuple[str, list[int]]
@@ -59,7 +70,7 @@ def cells() -> dict[str, Contents]:
         for share in LUMP_SHARES:
             name = f"{Kind.LUMP.value} {100 * share:.0f} %, µ {low:g} to {high:g}"
             found[name] = Contents(Kind.LUMP, share, (low, high))
-    return found
+    return found | {USUAL + name: found[name] for name in USUALLY_STRUCK}
 
 
 def run_chunk(cell: str, seeds: list[int]) -> list[Score]:
@@ -68,8 +79,11 @@ def run_chunk(cell: str, seeds: list[int]) -> list[Score]:
         inside = next(each for each in INSIDES if IN_MUJOCO + each.name == cell)
         return [score_tests(cell, seed, contained_evidence(inside, seed)) for seed in seeds]
     contents = cells()[cell]
+    energies = USUAL_ENERGIES if cell.startswith(USUAL) else TEST_ENERGIES
     sessions = [
-        draw_session(draw_box(contents, np.random.default_rng((0xB0C5, *cell.encode(), seed))), seed)
+        draw_session(
+            draw_box(contents, np.random.default_rng((0xB0C5, *cell.encode(), seed))), seed, energies
+        )
         for seed in seeds
     ]
     courses, first, found = simulate_sessions(sessions), 0, []
