@@ -28,8 +28,8 @@ def lanes(energies: list[float], moving: float = 0.0, friction: float = 0.0) -> 
     impulse = np.sqrt(2 * mass * G * distance * (1 - math.cos(phi)) * about * np.array(energies)) / 0.12
     values = [mass * (1 - moving), inertia, back, up, size[0] - 2 * rho, rho, 0.7, 2000.0, 0.2]
     values += [mass * moving, friction, 0.0, 0.0]
-    rows = [np.full(n, value) for value in values]
-    made = Lanes(*rows, impulse, np.full(n, 0.12), np.full(n, 0.003))
+    rows = [*(np.full(n, value) for value in values), impulse, np.full(n, 0.12), np.full(n, 0.003)]
+    made = Lanes(*rows)
     path = floor_path(WIDTH, 0.02, 0.5)
     places = path.places - [0.0, up]
     curves = Curves.through(np.tile(path.parameter, (n, 1)), np.tile(places, (n, 1, 1)), np.zeros(n))

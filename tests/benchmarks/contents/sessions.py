@@ -217,14 +217,14 @@ def session_evidence(session: Session, courses: Courses, first: int) -> Evidence
             _analysed(session, made, courses, lane, faces, (model, attempt), rng)
             for attempt, lane in enumerate(lanes)
         )
-        motions.append(_first_usable(made_again))
+        motions.append(first_usable(made_again))
     stated = manifest(spec).model_copy(update={"gravity_tilt_sd_rad": TILT_SD, "g_m_s2": 9.80665})
     ids = tuple(motion.strike_id for motion in motions)
     head = RecordingHead(Path("r.mcap"), stated, "c" * 64, ids, files=("r.mcap",))
     return Evidence((head,), spec, model, plan, plan.object_sha256, tuple(motions))
 
 
-def _first_usable(attempts: Iterator[TipMotion]) -> TipMotion:
+def first_usable(attempts: Iterator[TipMotion]) -> TipMotion:
     """First motion that an estimate can use, or the last one made."""
     motion = next(attempts)
     while motion.verdict not in USABLE_VERDICTS or motion.fit is None:
