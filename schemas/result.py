@@ -18,6 +18,7 @@ from schemas.quantity import RENAMED, Quantity, RenamedDocument, json_entries
 from schemas.result_inputs import ResultInputs
 from schemas.robustness import AlternativeResult
 from schemas.strike_result import StrikeResult
+from schemas.toss_result import FlightResult
 
 RESULT_VERSION = "2.0"
 """Schema version of results, reports and comparisons; recordings and plans have their own."""
@@ -57,6 +58,7 @@ class WarningCode(enum.Enum):
     REST_TURNED = "rest_turned"
     MARKER_MOVED = "marker_moved"
     NOT_RIGID = "not_rigid"
+    TOSSES_NOT_USED = "tosses_not_used"
 
 
 class ResultWarning(Document):
@@ -289,6 +291,7 @@ class Result(SparseDocument):
         "frame_times",
         "fixture",
         "contents",
+        "flight",
     )
 
     schema_version: str = RESULT_VERSION
@@ -348,6 +351,10 @@ class Result(SparseDocument):
 
     contents: ContentsResult | None = Field(
         default=None, description="whether something moves inside; not written in older results"
+    )
+
+    flight: FlightResult | None = Field(
+        default=None, description="tosses and what they determine; not written where nothing was tossed"
     )
 
     robustness: list[AlternativeResult] | None = Field(

@@ -85,6 +85,8 @@ class TossFit:
 
     model: FlightModel
     """the model fitted"""
+    prior: FlightPrior
+    """body as known before"""
     x: Array
     """(count,) unknowns, in the order of `flight_model`"""
     covariance: Array
@@ -136,7 +138,7 @@ def fit_tosses(
         )
 
     found = minimise(observed, np.concatenate([corner_sd, sd]), expected, start, scale, TAG_SIZE)
-    return _result(model, found, corner_sd, sd)
+    return _result(model, prior, found, corner_sd, sd)
 
 
 _OWN_SCALE = np.repeat([1e-2, 1e-1, 1e-3, 1e-2], 3)
@@ -145,7 +147,7 @@ _SCALE = 30.0
 """factor on typical changes: a step of 3e-4 of them ends the fit"""
 
 
-def _result(model: FlightModel, found: Minimum, corner_sd: Array, sd: Array) -> TossFit:
+def _result(model: FlightModel, prior: FlightPrior, found: Minimum, corner_sd: Array, sd: Array) -> TossFit:
     rows = len(corner_sd)
     z = found.weight[:rows] * found.residual[:rows] / corner_sd
     own_freedom = model.count - model.shared + 5
@@ -160,6 +162,7 @@ def _result(model: FlightModel, found: Minimum, corner_sd: Array, sd: Array) -> 
     whole = np.concatenate([z / np.sqrt(found.weight[:rows]), found.residual[rows:] / sd])
     return TossFit(
         model,
+        prior,
         found.parameters,
         np.asarray(covariance, dtype=np.float64),
         found.residual[:rows],
@@ -170,7 +173,8 @@ def _result(model: FlightModel, found: Minimum, corner_sd: Array, sd: Array) -> 
 
 def _by_corner(model: FlightModel, values: Array) -> Array:
     """Values (rows,) of all corners, in sequences of one coordinate of one corner over the frames."""
-    first, parts = 0, []
+    first = 0
+    parts: list[Array] = []
     for views, _ in model.tosses:
         each = values[first : first + 8 * len(views.tag)].reshape(-1, 8)
         parts += [each[views.tag == tag].T.ravel() for tag in range(len(model.tags.names))]

@@ -10,10 +10,10 @@ import pytest
 from rich.console import Console
 
 from tests.benchmarks.contents.__main__ import RIGID, cells, print_tables, run_chunk
-from tests.benchmarks.contents.bodies import draw_box, needed_energy, chosen_edges
+from tests.benchmarks.contents.bodies import chosen_edges, draw_box, needed_energy
 from tests.benchmarks.contents.contained import INSIDES, contained_evidence
 from tests.benchmarks.contents.moving import floor_path, level_path, pendulum_path
-from tests.benchmarks.contents.planar import G, Curves, Lanes, simulate
+from tests.benchmarks.contents.planar import Curves, G, Lanes, simulate
 from tests.benchmarks.contents.scores import Score, score_tests
 
 WIDTH, HEIGHT = 0.06, 0.14

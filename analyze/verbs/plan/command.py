@@ -47,6 +47,8 @@ class _PlanArguments:
     """True to add a strike turned by 180 degrees, which determines the table's tilt"""
     contents: bool
     """True to strike one edge at three energies and on two faces, which shows contents that move"""
+    tosses: int
+    """number of tosses by hand after the strikes"""
     as_json: bool
     """True to print the plan as JSON"""
 
@@ -111,6 +113,14 @@ class _PlanArguments:
     "whether liquid, powder or a loose lump moves inside.",
 )
 @click.option(
+    "--tosses",
+    default=0,
+    type=click.IntRange(0, 20),
+    metavar="N",
+    help="Add N tosses by hand before the same camera: they determine the products of inertia, which strikes "
+    "leave open; 3 are enough.  [default: none]",
+)
+@click.option(
     "--cards/--no-cards",
     default=True,
     show_default=True,
@@ -141,6 +151,7 @@ def plan(arguments: _PlanArguments) -> None:
         arguments.axes,
         arguments.contents,
         arguments.camera,
+        arguments.tosses,
     )
     with ProgressBar() as progress:
         planned = plan_object(arguments.object_file, options, progress)
