@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from analyze.estimation.fill_level import KnownDensity
 from analyze.estimation.joint_model import COM
-from analyze.estimation.rigidity import Answer, Rigidity, check_rigidity
+from analyze.estimation.rigidity import MIN_JOLTED, Answer, Rigidity, check_rigidity
 from analyze.estimation.settled_contents import SettledContents, settled_contents
 from analyze.pipeline.equiplanes import equiplanes
 from analyze.pipeline.filling import RELATIVE_DENSITY_SD, filling_label
@@ -30,6 +30,17 @@ class LooseContents:
     settled: SettledContents | None = None
     """fill level by the poses' centres of mass; None if the body passes, names no filling, or is held in a
     fixture"""
+    jolted: tuple[str, ...] = ()
+    """ids of strikes whose speed jumped, as by a second impact or by contents that hit a wall"""
+
+    @property
+    def suspected(self) -> bool:
+        """True if the tests decide nothing although strikes look as contents that move make them look.
+
+        Their speed jumps, or those over one edge differ by more than their errors.
+        """
+        unsure = self.rigidity.answer is Answer.NOT_TESTED
+        return unsure and (len(self.jolted) >= MIN_JOLTED or self.rigidity.energies.unexplained)
 
     @property
     def not_rigid(self) -> bool:
@@ -72,12 +83,12 @@ def loose_contents(solved: SolvedStrikes, options: EstimateOptions) -> LooseCont
         solved.prior,
         (equiplanes(solved.evidence, jolted, options.estimator), energy_ratios(jolted)),
     )
-    label = filling_label(solved.evidence)
+    label, ids = filling_label(solved.evidence), tuple(motion.strike_id for motion in jolted)
     if rigidity.answer is not Answer.NOT_RIGID or label is None or solved.fixture is not None:
-        return LooseContents(rigidity)
+        return LooseContents(rigidity, jolted=ids)
     density = None
     if label.density_kg_m3 is not None:
         density_sd = label.density_sd_kg_m3 or RELATIVE_DENSITY_SD * label.density_kg_m3
         density = KnownDensity(label.density_kg_m3, density_sd)
     settled = settled_contents(rigidity.poses.centres, solved.cells, solved.scale.mass, density)
-    return LooseContents(rigidity, settled)
+    return LooseContents(rigidity, settled, ids)

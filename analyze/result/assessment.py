@@ -42,10 +42,10 @@ def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> li
     """Sentences on an estimate: what to trust, to doubt, what is not determined, which strikes to repeat.
 
     Each begins with trust, doubt, not determined, not checked or repeat. Nothing is to be trusted in three
-    cases: something moves inside the body; the centre of mass lies more than `MAX_OUTSIDE_SD` sd outside the
-    shape's hull; or gravity by the strikes disagrees with the stated one, or a moment of inertia is
-    impossible for the shape, although no stated frame rate is wrong (a wrong one would explain both). If one
-    axis alone makes gravity disagree, only moments are doubted.
+    cases: something moves inside the body, or is suspected to; the centre of mass lies more than
+    `MAX_OUTSIDE_SD` sd outside the shape's hull; or gravity by the strikes disagrees with the stated one, or
+    a moment of inertia is impossible for the shape, although no stated frame rate is wrong (a wrong one would
+    explain both). If one axis alone makes gravity disagree, only moments are doubted.
 
     Args:
         estimate: the estimate.
@@ -60,14 +60,19 @@ def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> li
     moments_doubted = not wrong_rates and bool(checks.impossible_axes)
     one_axis = gravity_doubted and checks.gravity.single_axis is not None
     outside = checks.sigmas_outside_hull > MAX_OUTSIDE_SD
-    not_rigid = estimate.contents.not_rigid
+    not_rigid, suspected = estimate.contents.not_rigid, estimate.contents.suspected
     by_quantity = quantity_sentences(
         estimate,
         regions_text(estimate.distribution, estimate.inertial.mass),
-        sound=not (not_rigid or outside or moments_doubted or (gravity_doubted and not one_axis)),
+        sound=not (
+            not_rigid or suspected or outside or moments_doubted or (gravity_doubted and not one_axis)
+        ),
         moments_sound=not one_axis,
     )
-    found = [f"doubt everything: {contents_text(estimate.contents)}; {NOT_RIGID_ADVICE}"] if not_rigid else []
+    found: list[str] = []
+    if not_rigid or suspected:
+        advice = f"; {NOT_RIGID_ADVICE}" if not_rigid else ""
+        found.append(f"doubt everything: {contents_text(estimate.contents)}{advice}")
     found += [each for each in by_quantity if each.startswith("trust")]
     found += [
         f"doubt the frame rate: {wrong_text(each)}; this answer does not use it, and is less certain than"

@@ -11,6 +11,7 @@ from analyze.estimation.rigidity import Answer
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.result.digits import value_text
 from analyze.result.quantities import intervals95
+from analyze.result.warning_text import names_text
 from schemas.contents_result import (
     ContentsAnswer,
     ContentsResult,
@@ -34,6 +35,11 @@ NEEDED = (
     " --contents` plans both"
 )
 """what a body needs whose strikes compare neither energies nor poses"""
+JOLTED = (
+    "jumped, as by a second impact or by contents that hit a wall, and the other strikes do not show which:"
+    " `analyze plan --contents` plans strikes that do"
+)
+"""what strikes whose speed jumped leave open"""
 UNEXPLAINED = (
     "strikes over one edge differ by more than their errors, but not as their energies do, as if the pose at"
     " rest had differed: clean the table and the object's underside, and strike again"
@@ -49,8 +55,12 @@ def contents_text(contents: LooseContents) -> str:
             return f"not rigid: {'; '.join(_evidence(rigidity))}"
         case Answer.NOTHING_MOVES:
             return f"nothing moves that would show (liquid below {_percent(rigidity.share)} of the mass)"
+        case Answer.NOT_TESTED if rigidity.energies.unexplained:
+            return f"not tested: {UNEXPLAINED}"
+        case Answer.NOT_TESTED if contents.suspected:
+            return f"not tested: the speed of {names_text(contents.jolted)} {JOLTED}"
         case Answer.NOT_TESTED:
-            return f"not tested: {UNEXPLAINED if rigidity.energies.unexplained else NEEDED}"
+            return f"not tested: {NEEDED}"
 
 
 def _evidence(rigidity: Rigidity) -> list[str]:

@@ -15,6 +15,7 @@ from analyze.pipeline.loose_contents import LooseContents
 from analyze.report.report import render_report
 from analyze.report.summary import render_summary
 from analyze.result.answer import Answer, answer_evidence
+from analyze.result.assessment import assessment
 from analyze.result.contents import contents_lines, contents_text, pose_rows
 from analyze.result.document import result_document
 from schemas.contents_result import ContentsAnswer
@@ -115,3 +116,19 @@ def test_strikes_that_differ_without_a_sign_of_contents_are_said_to_test_nothing
     energies = replace(rigidity.energies, chi_squared=900.0, k_probability=0.5, trend_probability=0.5)
     text = contents_text(LooseContents(replace(rigidity, energies=energies)))
     assert text.startswith("not tested: strikes over one edge differ by more than their errors")
+
+
+def test_strikes_that_jump_are_no_ground_for_trust_where_nothing_was_tested(sound):
+    estimate = sound.estimate
+    rigidity = estimate.contents.rigidity
+    weak = replace(
+        rigidity,
+        energies=replace(rigidity.energies, share=0.9),
+        poses=replace(rigidity.poses, share=0.8),
+    )
+    untested = LooseContents(weak)
+    assert contents_text(untested).startswith("not tested: needs strikes over one edge at three energies")
+    assert assessment(replace(estimate, contents=untested))[0].startswith("trust the centre of mass")
+    jumped = assessment(replace(estimate, contents=LooseContents(weak, jolted=("s1.1", "s4.1"))))
+    assert jumped[0].startswith("doubt everything: not tested: the speed of s1.1, s4.1 jumped")
+    assert not [sentence for sentence in jumped if sentence.startswith("trust")]

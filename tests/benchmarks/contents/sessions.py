@@ -32,6 +32,8 @@ RATE = 120.0
 """frames per second"""
 REST = 0.25
 """time filmed before the push [s]"""
+FILMED = 1.2
+"""time filmed after it [s]; a body that lies stays there"""
 ATTEMPTS = 3
 """times that a strike is made until it is usable"""
 TEST_ENERGIES = (1.06, 1.25, 1.6)
@@ -246,8 +248,7 @@ def _analysed(
 ) -> TipMotion:
     """Motion of one attempt as the tracker sees it, analysed; `how` is the object's model and the attempt."""
     model, attempt = how
-    frames = np.arange(-round(REST * RATE), math.floor(courses.time[-1] * RATE)) / RATE + rng.random() / RATE
-    frames = frames[frames < courses.time[-1]]
+    frames = (np.arange(-round(REST * RATE), round(FILMED * RATE)) + rng.random()) / RATE
 
     def sampled(values: np.ndarray) -> np.ndarray:
         return np.where(frames < 0, 0.0, np.interp(frames, courses.time, values[:, lane]))
