@@ -39,7 +39,7 @@ def lanes(energies: list[float], moving: float = 0.0, friction: float = 0.0) -> 
 def test_a_rigid_box_tips_over_from_an_energy_ratio_of_one_and_a_lump_goes_along():
     found = simulate(*lanes([0.97, 1.03]), seconds=0.5)
     assert found.theta[-1, 0] < found.theta[:, 0].max() - 0.1
-    assert found.theta[-1, 1] == found.theta[:, 1].max() > 0.6
+    assert found.theta[-1, 1] == found.theta[:, 1].max() > 0.5
     assert np.abs(found.slip[:200]).max() < 5e-4
     # A lump of a tenth of the mass slides ahead as the box tips, up to the wall at the most.
     lump = simulate(*lanes([1.03], moving=0.1, friction=0.1), seconds=0.25)

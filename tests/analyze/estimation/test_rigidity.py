@@ -63,8 +63,8 @@ def checked(planes: list[EquiPlane], ratios: list[float], body: Body) -> Rigidit
 
 
 def test_rigid_bodies_pass_and_the_answer_says_what_would_have_shown():
-    found = [checked(*strikes(np.random.default_rng(seed))) for seed in range(60)]
-    assert [each.answer for each in found] == [Answer.NOTHING_MOVES] * 60
+    found = [checked(*strikes(np.random.default_rng(seed))) for seed in range(40)]
+    assert [each.answer for each in found] == [Answer.NOTHING_MOVES] * 40
     assert max(each.share for each in found) < 0.15
 
 
@@ -104,10 +104,10 @@ def test_one_bad_strike_is_no_sign_of_contents():
 def test_crumbs_under_the_object_are_seldom_taken_for_contents():
     found = [
         checked(*strikes(np.random.default_rng(seed), scatter=math.radians(0.3))).energies
-        for seed in range(60)
+        for seed in range(30)
     ]
-    assert sum(each.moves for each in found) <= 8
-    assert sum(each.unexplained for each in found) >= 40
+    assert sum(each.moves for each in found) <= 5
+    assert sum(each.unexplained for each in found) >= 20
 
 
 def test_strikes_at_one_energy_on_one_face_test_nothing():
@@ -121,3 +121,18 @@ def test_a_strike_without_k_does_not_enter_the_test_of_energies():
     planes, ratios, body = strikes(np.random.default_rng(4))
     planes = [replace(plane, k=None, sd_k=None) for plane in planes]
     assert checked(planes, ratios, body).energies.edges == ()
+
+
+def test_strikes_that_were_jolted_count_in_twos():
+    """Fast strikes that agree, and slow ones of the same contents whose speed jumped."""
+    rise = math.radians(2.0)
+    planes, ratios, body = strikes(np.random.default_rng(5), rise=rise, energies=(1.6, 1.62))
+    slow, slow_ratios, _ = strikes(np.random.default_rng(6), rise=rise, energies=(1.05,))
+    prior = ComPrior.from_bounds(-body.size / 2, body.size / 2)
+    com = solve_joint(planes, ERRORS, prior).x[COM]
+
+    def moves(count: int) -> bool:
+        jolted = slow[:count], slow_ratios[:count]
+        return check_rigidity(planes, ratios, com, ERRORS, prior, jolted).energies.moves
+
+    assert [moves(count) for count in (0, 1, 4)] == [False, False, True]
