@@ -173,7 +173,7 @@ def _tasks(names: list[str], counts: dict[str, int], seed: int, done: set[tuple[
 
 @click.command()
 @click.option("--rigid", default=320, show_default=True, help="Number of rigid boxes.")
-@click.option("--each", default=10, show_default=True, help="Number of boxes of every other row.")
+@click.option("--each", default=8, show_default=True, help="Number of boxes of every other row.")
 @click.option("--contained", default=4, show_default=True, help="Sessions of every row in MuJoCo.")
 @click.option("--seed", default=1, show_default=True)
 @click.option("--rows", "chosen", default="all", show_default=True, help="Rows, separated by semicolons.")
