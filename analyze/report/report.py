@@ -24,6 +24,7 @@ from analyze.report.sensitivity_plot import influence_figure, largest_source_tex
 from analyze.report.summary import DEGREES, filling_rows, robustness_rows
 from analyze.report.truth import ShownTruth, shown_truth
 from analyze.report.voxel_map import voxel_figures, voxel_map_text
+from analyze.result.contents import contents_lines, pose_rows
 from analyze.result.digits import decimals, number, signed
 from analyze.result.fixture import fixture_lines
 from analyze.result.frame_times import frame_time_lines
@@ -143,6 +144,9 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
                 *radius_lines(result),
                 *frame_time_lines(result.frame_times, len(estimate.evidence.recordings) > 1),
             ],
+            contents_lines=contents_lines(result),
+            poses=pose_rows(result),
+            scattered=[] if result.contents is None else result.contents.edges,
             sources=figure_element(sources_figure(rows, half)),
             sources_text=largest_source_text(rows),
             influences=figure_element(influence_figure(estimate.sensitivity)),

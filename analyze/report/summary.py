@@ -8,6 +8,7 @@ import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from analyze.result.contents import contents_lines, pose_rows
 from analyze.result.digits import ScaledUnit, open_interval, signed, with_interval
 from analyze.result.fixture import fixture_lines
 from analyze.result.frame_times import frame_time_lines
@@ -58,9 +59,19 @@ def render_summary(answer: Answer, console: Terminal | None = None) -> None:
         *tilt_lines(result),
         *radius_lines(result),
         *frame_time_lines(result.frame_times, len(recordings) > 1),
+        *contents_lines(result),
     ]:
         console.print(line)
     console.print()
+    _print_tables(result, shown, console)
+    for warning in further_warnings(result):
+        console.print(styled((warning.code.value, "yellow"), f": {warning.text}"))
+
+
+def _print_tables(result: Result, shown: Headline, console: Terminal) -> None:
+    """Print the tables of poses (of a body that is not rigid), strikes, moments, masses and what-ifs."""
+    if rows := pose_rows(result):
+        console.print(_poses(rows))
     console.print(_strikes(result, shown.unit))
     console.print(_moments(result, shown.unit))
     console.print(_regions(result))
@@ -70,8 +81,6 @@ def render_summary(answer: Answer, console: Terminal | None = None) -> None:
         console.print(_filling(result.filling))
     if result.robustness:
         console.print(_robustness(result.robustness))
-    for warning in further_warnings(result):
-        console.print(styled((warning.code.value, "yellow"), f": {warning.text}"))
 
 
 def _print_answer(shown: Headline, console: Terminal) -> None:
@@ -105,6 +114,13 @@ def _narrow_table(title: str, headings: Sequence[str]) -> Table:
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 1))
     for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)
+    return table
+
+
+def _poses(rows: Sequence[tuple[str, ...]]) -> Table:
+    table = _narrow_table("Centre of mass by pose, mm, 95 %", ["on face", *"xyz", "off"])
+    for row in rows:
+        table.add_row(*row)
     return table
 
 
