@@ -22,6 +22,7 @@ from analyze.report.plots import moments_figure, projection_figures, regions_fig
 from analyze.report.prediction_plot import prediction_figures
 from analyze.report.sensitivity_plot import influence_figure, largest_source_text, source_rows, sources_figure
 from analyze.report.summary import DEGREES, filling_rows, robustness_rows
+from analyze.report.toss_rows import TOSS_COLUMNS, toss_lines, toss_rows
 from analyze.report.truth import ShownTruth, shown_truth
 from analyze.report.voxel_map import voxel_figures, voxel_map_text
 from analyze.result.contents import contents_lines, pose_rows
@@ -146,6 +147,9 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
             ],
             contents_lines=contents_lines(result),
             poses=pose_rows(result),
+            tosses=toss_rows(result),
+            toss_columns=TOSS_COLUMNS,
+            toss_lines=toss_lines(result),
             scattered=[] if result.contents is None else result.contents.edges,
             sources=figure_element(sources_figure(rows, half)),
             sources_text=largest_source_text(rows),

@@ -8,6 +8,7 @@ import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from analyze.report.toss_rows import TOSS_COLUMNS, toss_lines, toss_rows
 from analyze.result.contents import contents_lines, pose_rows
 from analyze.result.digits import ScaledUnit, open_interval, signed, with_interval
 from analyze.result.fixture import fixture_lines
@@ -17,6 +18,7 @@ from analyze.result.radius import radius_lines
 from analyze.result.tilt import tilt_lines
 from schemas.result import Filling, Parts, Result
 from schemas.terminal import Terminal, styled
+from schemas.toss_result import TossVerdict
 from schemas.wording import counted
 
 if TYPE_CHECKING:
@@ -60,6 +62,7 @@ def render_summary(answer: Answer, console: Terminal | None = None) -> None:
         *radius_lines(result),
         *frame_time_lines(result.frame_times, len(recordings) > 1),
         *contents_lines(result),
+        *toss_lines(result),
     ]:
         console.print(line)
     console.print()
@@ -69,10 +72,12 @@ def render_summary(answer: Answer, console: Terminal | None = None) -> None:
 
 
 def _print_tables(result: Result, shown: Headline, console: Terminal) -> None:
-    """Print the tables of poses (of a body that is not rigid), strikes, moments, masses and what-ifs."""
+    """Print the tables of poses (if it is not rigid), strikes, tosses, moments, masses and what-ifs."""
     if rows := pose_rows(result):
         console.print(_poses(rows))
     console.print(_strikes(result, shown.unit))
+    if rows := toss_rows(result):
+        console.print(_tosses(rows))
     console.print(_moments(result, shown.unit))
     console.print(_regions(result))
     if result.parts is not None:
@@ -142,6 +147,13 @@ def _strikes(result: Result, unit: ScaledUnit) -> Table:
             f"{strike.information_share:.0%}" if strike.used else "–",
             style=None if strike.used else "dim",
         )
+    return table
+
+
+def _tosses(rows: Sequence[tuple[str, ...]]) -> Table:
+    table = _narrow_table("Tosses", TOSS_COLUMNS)
+    for row in rows:
+        table.add_row(*row, style=None if row[1] == TossVerdict.GOOD.value else "dim")
     return table
 
 
