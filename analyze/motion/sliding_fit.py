@@ -1,0 +1,302 @@
+"""Likelihood of the coefficient of friction, from the tipping angle and the path of the pivot edge.
+
+For each of a range of coefficients mu the planar motion of `sliding_motion` is fitted to the frames of a
+window: tipping angle, sliding and lift of the edge, with the balance angle, rate and distance R of the centre
+of mass as uncertain as the strikes leave them. The chi^2 that is left, over mu, is the profile likelihood
+(Venzon and Moolgavkar 1988). Where the edge slid it has a minimum: a value with its interval. Where it stuck
+it is level above the largest T/N that the table had to hold: a bound. Static and kinetic friction are taken
+as one coefficient.
+
+The followed point lies beside the true edge by an unknown offset, and the contact creeps by some hundredths
+of a millimetre (edge_offset.py); both are in the errors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.errors import EstimationError
+from analyze.motion.edge_offset import creep_covariance, displacement_per_error
+from analyze.motion.sliding_motion import SlidingBodies, sliding_path
+
+if TYPE_CHECKING:
+    from analyze.types import Array, EdgePath, TipAngle
+
+MU_GRID = np.geomspace(0.05, 2.0, 33)
+"""(33,) coefficients of friction tried first"""
+_FINE = 17
+"""number of coefficients tried about the best one of the first ones"""
+_CREEP = 2e-5
+"""standard deviation [m] of the edge's own smooth motion, and of the lens's errors"""
+_WHITE = 5e-6
+"""standard deviation [m] of a frame's error beyond the stated one"""
+_PLACE_SD = 5e-4
+"""standard deviation [m] of the edge's assumed place, at least"""
+_UNPLACED_SD = 2e-2
+"""standard deviation [m] of the edge's assumed place where no marker's place on the object is known"""
+_ROUNDS = 4
+"""Gauss-Newton steps at every coefficient"""
+_STEPS = np.array([1e-6, 1e-5, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6])
+"""differences of theta0, omega0, v0, phi, ln k, ln R, tilt, for derivatives"""
+_DYNAMIC = len(_STEPS)
+_OUTLIER_SIGMAS = 5.0
+"""standardised residual above which a frame is left out"""
+_MIN_LOAD = 0.05
+"""least load of the table on the edge, over the weight, below which it may leave the table"""
+MIN_FRAMES = 6
+"""least number of frames of a window"""
+
+
+@dataclass(frozen=True)
+class PivotBody:
+    """Body that tips about one edge: what the other estimates know of it."""
+
+    phi: float
+    """balance angle against gravity [rad]"""
+    k: float
+    """rate of the tip [rad/s^2]"""
+    covariance: Array
+    """(2, 2) covariance of (phi [rad], ln k)"""
+    R: float
+    """distance of the centre of mass from the centre line of the edge's rounding [m]"""
+    R_sd: float
+    """its standard deviation [m]"""
+    radius: float
+    """radius of the rounding [m]"""
+    radius_sd: float
+    """its standard deviation [m]"""
+    tilt: float
+    """lean of the vertical against the table's normal, in the direction of tipping [rad]"""
+    tilt_sd: float
+    """its standard deviation [rad]"""
+    gravity: float
+    """gravity [m/s^2]"""
+
+
+@dataclass(frozen=True)
+class FrictionLikelihood:
+    """Chi^2 of one window's motion over the coefficient of friction between edge and table."""
+
+    mu: Array
+    """(m,) coefficients, ascending"""
+    chi2: Array
+    """(m,) chi^2 of the best motion at each, less the least; in units of the noise that is seen"""
+    slid: float
+    """range of the edge's sliding in the window at the best coefficient [m]"""
+    needed: float
+    """largest |T|/N that an edge which sticks would need in the window"""
+    frames: int
+    """number of frames"""
+    misfit: float
+    """rms of the standardised residuals at the best coefficient"""
+
+    def value(self, mu: Array) -> Array:
+        """Chi^2 (n,) at coefficients (n,), linear between those tried, level beyond the last."""
+        return np.interp(mu, self.mu, self.chi2)
+
+
+@dataclass(frozen=True)
+class _Window:
+    """Frames of a fit, whitened."""
+
+    time: Array
+    """(n,) [s]"""
+    seen: Array
+    """(n, 3) theta [rad], slip and lift [m]"""
+    whiten: Array
+    """(3 n, 3 n) matrix that makes residuals standard normal"""
+    by_edge: Array
+    """(n, 3, 3) derivatives of theta, slip and lift by the edge's offset (2) and radius [m]"""
+
+
+def friction_likelihood(
+    angle: TipAngle, path: EdgePath, window: tuple[int, int], body: PivotBody, moving: bool
+) -> FrictionLikelihood:
+    """Profile likelihood of the coefficient of friction from one window of a strike.
+
+    Args:
+        angle: theta(t) of the strike.
+        path: sliding and lift of the planned edge in the same frames.
+        window: frames [start, stop) in which only gravity and the table act, with the edge on the table.
+        body: body and edge.
+        moving: True if the edge may already slide in the first frame.
+
+    Returns:
+        Chi^2 over the coefficients tried (m,).
+
+    Raises:
+        EstimationError: the window has too few frames, or no motion fits it.
+    """
+    kept = np.arange(*window)
+    result: FrictionLikelihood | None = None
+    for _ in range(3):
+        if len(kept) < MIN_FRAMES:
+            raise EstimationError("too few frames for friction: film at a higher rate, or strike again")
+        frames = _frames(angle, path, kept)
+        result, bad = _profile(frames, body, path.place_sd, moving)
+        if not np.any(bad):
+            break
+        kept = kept[~bad]
+    if result is None or not np.all(np.isfinite(result.chi2)):
+        raise EstimationError("no motion with friction fits these frames: leave this strike out")
+    return result
+
+
+def _frames(angle: TipAngle, path: EdgePath, kept: Array) -> _Window:
+    time = (angle.time_ns[kept] - angle.time_ns[kept[0]]) * 1e-9
+    theta = angle.theta[kept]
+    n = len(kept)
+    noise = np.zeros((3 * n, 3 * n))
+    for i, each in enumerate(path.covariance[kept]):
+        noise[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = each + np.diag([1e-14, _WHITE**2, _WHITE**2])
+    creep = _CREEP**2 * creep_covariance(theta)
+    for row in (1, 2):
+        noise[row::3, row::3] += creep
+    noise[::3, ::3] += angle.slow_sd**2 * np.exp(-np.abs(theta[:, None] - theta) / 0.01)
+    by_edge = np.zeros((n, 3, 3))
+    by_edge[:, 1:] = displacement_per_error(theta)
+    seen = np.stack([theta, path.slip[kept], path.lift[kept]], axis=1)
+    whiten = np.linalg.inv(np.linalg.cholesky(noise))
+    return _Window(np.asarray(time), seen, whiten, by_edge)
+
+
+def _profile(
+    frames: _Window, body: PivotBody, place_sd: float | None, moving: bool
+) -> tuple[FrictionLikelihood, Array]:
+    """Chi^2 over the coefficients of friction, and the mask (n,) of frames that no motion explains."""
+    prior = _prior(frames, body, place_sd, moving)
+    x = np.repeat(prior[0][None], len(MU_GRID), axis=0)
+    x, chi2, left = _minimised(frames, body, MU_GRID, x, prior, _ROUNDS)
+    best = int(np.argmin(chi2))
+    low, high = MU_GRID[max(best - 1, 0)], MU_GRID[min(best + 1, len(MU_GRID) - 1)]
+    fine = np.linspace(low, high, _FINE)
+    y, more, left_fine = _minimised(
+        frames, body, fine, np.repeat(x[best][None], _FINE, axis=0), prior, _ROUNDS - 1
+    )
+    mu, all_chi2 = np.concatenate([MU_GRID, fine]), np.concatenate([chi2, more])
+    all_x, all_left = np.concatenate([x, y]), np.concatenate([left, left_fine])
+    order = np.argsort(mu, kind="stable")
+    mu, all_chi2, all_x, all_left = mu[order], all_chi2[order], all_x[order], all_left[order]
+    best = int(np.argmin(all_chi2))
+    residual = all_left[best].reshape(-1, 3)
+    # Whitened residuals of one frame depend on earlier ones: what is left is each frame's own surprise.
+    rms = float(np.sqrt(np.mean(residual**2)))
+    bad = np.max(np.abs(residual), axis=1) > _OUTLIER_SIGMAS * max(1.0, float(np.median(np.abs(residual))) / 0.67)
+    theta, slip, load = _paths(frames.time, body, mu[best : best + 1], all_x[best : best + 1])
+    bad |= load[:, 0] < _MIN_LOAD * body.gravity
+    held = _needed(frames.time, body, all_x[best])
+    scale = max(1.0, rms * np.sqrt(residual.size / max(residual.size - 8, 1)))
+    keep = np.append(True, np.diff(mu) > 1e-12)
+    result = FrictionLikelihood(
+        mu[keep],
+        (all_chi2[keep] - all_chi2[best]) / scale**2,
+        float(np.ptp(slip[:, 0])),
+        held,
+        len(frames.time),
+        rms,
+    )
+    return result, bad
+
+
+def _prior(frames: _Window, body: PivotBody, place_sd: float | None, moving: bool) -> tuple[Array, Array]:
+    """Parameters (11,) before the fit and their inverse covariance (11, 11).
+
+    They are theta0 [rad], omega0 [rad/s], v0 [m/s], phi [rad], ln k, ln R, tilt [rad], sliding at the start
+    [m], offset of the followed point along and off the table and radius beyond the stated one [m].
+    """
+    first = min(len(frames.time), 7)
+    slope = np.polyfit(frames.time[:first], frames.seen[:first, 0], 2)
+    speed = float(np.polyfit(frames.time[:first], frames.seen[:first, 1], 1)[0])
+    start = np.array(
+        [slope[2], slope[1], speed if moving else 0.0, body.phi - body.tilt, np.log(body.k), np.log(body.R)]
+    )
+    start = np.concatenate([start, [body.tilt, frames.seen[0, 1], 0.0, 0.0, 0.0]])
+    place = _UNPLACED_SD if place_sd is None else max(_PLACE_SD, place_sd)
+    covariance = np.zeros((11, 11))
+    wide = [1.0, 10.0, 1.0 if moving else 1e-9]
+    covariance[:3, :3] = np.diag(np.square(wide))
+    covariance[3:5, 3:5] = body.covariance
+    covariance[5, 5] = (body.R_sd / body.R) ** 2
+    # phi is measured against gravity: in the table's frame it errs with the tilt.
+    covariance[3, 3] += body.tilt_sd**2
+    covariance[6, 6], covariance[3, 6] = body.tilt_sd**2, -(body.tilt_sd**2)
+    covariance[6, 3] = covariance[3, 6]
+    covariance[7, 7] = 0.1**2
+    covariance[8, 8] = covariance[9, 9] = place**2
+    covariance[10, 10] = body.radius_sd**2
+    covariance += np.diag(np.full(11, 1e-18))
+    return start, np.linalg.inv(covariance)
+
+
+def _minimised(
+    frames: _Window, body: PivotBody, mu: Array, x: Array, prior: tuple[Array, Array], rounds: int
+) -> tuple[Array, Array, Array]:
+    """Best parameters (m, 11), chi^2 (m,) and whitened residuals (m, 3 n) at coefficients of friction (m,)."""
+    mean, inverse = prior
+    m, size = len(mu), frames.whiten.shape[0]
+    best, best_chi2, best_left = x.copy(), np.full(m, np.inf), np.zeros((m, size))
+    damping = np.full(m, 1e-6)
+    x = x.copy()
+    for number in range(rounds + 1):
+        expected, by = _expected(frames, body, mu, x)
+        left = np.einsum("ab,mb->ma", frames.whiten, (frames.seen[None] - expected).reshape(m, -1))
+        off = x - mean
+        chi2 = np.sum(left**2, axis=1) + np.einsum("mi,ij,mj->m", off, inverse, off)
+        better = chi2 < best_chi2
+        best[better], best_chi2[better], best_left[better] = x[better], chi2[better], left[better]
+        damping = np.where(better, damping / 10, np.minimum(damping * 100, 1e2))
+        if number == rounds:
+            break
+        J = np.einsum("ab,mbp->map", frames.whiten, by.reshape(m, size, -1))
+        normal = np.einsum("map,maq->mpq", J, J) + inverse
+        gradient = np.einsum("map,ma->mp", J, left) - off @ inverse
+        normal = normal + damping[:, None, None] * np.eye(11) * np.einsum("mii->mi", normal)[:, None]
+        step = np.linalg.solve(normal, gradient[..., None])[..., 0]
+        x = np.where(better[:, None], x + step, best)
+    return best, best_chi2, best_left
+
+
+def _expected(frames: _Window, body: PivotBody, mu: Array, x: Array) -> tuple[Array, Array]:
+    """Theta, slip and lift (m, n, 3), and their derivatives (m, n, 3, 11) by the parameters."""
+    m, n = len(mu), len(frames.time)
+    offsets = np.concatenate([np.zeros((1, _DYNAMIC)), np.diag(_STEPS)])
+    cases = np.repeat(x[:, None], _DYNAMIC + 1, axis=1)
+    cases[:, :, :_DYNAMIC] += offsets
+    theta, slip, _ = _paths(frames.time, body, np.repeat(mu, _DYNAMIC + 1), cases.reshape(-1, 11))
+    both = np.stack([theta, slip], axis=-1).reshape(n, m, _DYNAMIC + 1, 2).transpose(1, 0, 3, 2)
+    expected = np.zeros((m, n, 3))
+    expected[:, :, :2] = both[..., 0]
+    expected += np.einsum("nij,mj->mni", frames.by_edge, x[:, 8:])
+    by = np.zeros((m, n, 3, 11))
+    by[:, :, :2, :_DYNAMIC] = (both[..., 1:] - both[..., :1]) / _STEPS
+    by[:, :, 1, 7] = 1.0
+    by[..., 8:] = frames.by_edge[None]
+    return expected, by
+
+
+def _bodies(body: PivotBody, mu: Array, x: Array) -> SlidingBodies:
+    return SlidingBodies(mu, x[:, 3], np.exp(x[:, 4]), np.exp(x[:, 5]), x[:, 6], body.radius, body.gravity)
+
+
+def _paths(time: Array, body: PivotBody, mu: Array, x: Array) -> tuple[Array, Array, Array]:
+    """Theta [rad], sliding [m] and load [m/s^2], each (n, c), of c cases with parameters x (c, 11)."""
+    start = np.stack([x[:, 0], x[:, 1], x[:, 7], np.where(np.abs(x[:, 2]) < 1e-5, 0.0, x[:, 2])])
+    return sliding_path(time, _bodies(body, mu, x), start)
+
+
+def _needed(time: Array, body: PivotBody, x: Array) -> float:
+    """Largest |T|/N of an edge that sticks throughout, while the table carries it."""
+    from analyze.motion.sliding_motion import held_forces
+
+    stuck = x.copy()
+    stuck[2] = 0.0
+    grip = np.array([1e6])
+    theta, _, load = _paths(time, body, grip, stuck[None])
+    omega = np.gradient(theta[:, 0], time)
+    bodies = replace(_bodies(body, grip, stuck[None]))
+    _, pull, normal = held_forces(bodies, theta[:, 0], omega)
+    carried = normal > _MIN_LOAD * body.gravity
+    return float(np.max(np.abs(pull[carried]) / normal[carried], initial=0.0))
