@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from analyze.errors import EstimationError
 from analyze.motion.edge_offset import creep_covariance, displacement_per_error
@@ -25,10 +26,10 @@ from analyze.motion.sliding_motion import SlidingBodies, sliding_path
 if TYPE_CHECKING:
     from analyze.types import Array, EdgePath, TipAngle
 
-MU_GRID = np.geomspace(0.05, 2.0, 33)
-"""(33,) coefficients of friction tried first"""
-_FINE = 17
-"""number of coefficients tried about the best one of the first ones"""
+MU_GRID = np.geomspace(0.06, 1.8, 19)
+"""(19,) coefficients of friction tried first"""
+_FINE, _REFINED = 9, 2
+"""number of coefficients tried between the neighbours of the best one, and how often"""
 _CREEP = 2e-5
 """standard deviation [m] of the edge's own smooth motion, and of the lens's errors"""
 _WHITE = 5e-6
@@ -37,7 +38,7 @@ _PLACE_SD = 5e-4
 """standard deviation [m] of the edge's assumed place, at least"""
 _UNPLACED_SD = 2e-2
 """standard deviation [m] of the edge's assumed place where no marker's place on the object is known"""
-_ROUNDS = 4
+_ROUNDS = 3
 """Gauss-Newton steps at every coefficient"""
 _STEPS = np.array([1e-6, 1e-5, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6])
 """differences of theta0, omega0, v0, phi, ln k, ln R, tilt, for derivatives"""
@@ -94,8 +95,9 @@ class FrictionLikelihood:
     """rms of the standardised residuals at the best coefficient"""
 
     def value(self, mu: Array) -> Array:
-        """Chi^2 (n,) at coefficients (n,), linear between those tried, level beyond the last."""
-        return np.interp(mu, self.mu, self.chi2)
+        """Chi^2 (n,) at coefficients (n,), interpolated between those tried, level beyond them."""
+        inside = np.clip(mu, self.mu[0], self.mu[-1])
+        return np.asarray(PchipInterpolator(self.mu, self.chi2)(inside), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -170,16 +172,17 @@ def _profile(
     prior = _prior(frames, body, place_sd, moving)
     x = np.repeat(prior[0][None], len(MU_GRID), axis=0)
     x, chi2, left = _minimised(frames, body, MU_GRID, x, prior, _ROUNDS)
-    best = int(np.argmin(chi2))
-    low, high = MU_GRID[max(best - 1, 0)], MU_GRID[min(best + 1, len(MU_GRID) - 1)]
-    fine = np.linspace(low, high, _FINE)
-    y, more, left_fine = _minimised(
-        frames, body, fine, np.repeat(x[best][None], _FINE, axis=0), prior, _ROUNDS - 1
-    )
-    mu, all_chi2 = np.concatenate([MU_GRID, fine]), np.concatenate([chi2, more])
-    all_x, all_left = np.concatenate([x, y]), np.concatenate([left, left_fine])
-    order = np.argsort(mu, kind="stable")
-    mu, all_chi2, all_x, all_left = mu[order], all_chi2[order], all_x[order], all_left[order]
+    mu, all_chi2, all_x, all_left = MU_GRID, chi2, x, left
+    for _ in range(_REFINED):
+        best = int(np.argmin(all_chi2))
+        fine = np.linspace(mu[max(best - 1, 0)], mu[min(best + 1, len(mu) - 1)], _FINE + 2)[1:-1]
+        near = np.repeat(all_x[best][None], _FINE, axis=0)
+        more = _minimised(frames, body, fine, near, prior, _ROUNDS - 1)
+        mu = np.concatenate([mu, fine])
+        order = np.argsort(mu, kind="stable")
+        mu, all_x = mu[order], np.concatenate([all_x, more[0]])[order]
+        all_chi2 = np.concatenate([all_chi2, more[1]])[order]
+        all_left = np.concatenate([all_left, more[2]])[order]
     best = int(np.argmin(all_chi2))
     residual = all_left[best].reshape(-1, 3)
     # Whitened residuals of one frame depend on earlier ones: what is left is each frame's own surprise.

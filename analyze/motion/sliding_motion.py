@@ -26,7 +26,7 @@ from analyze.motion.pendulum_motion import G
 if TYPE_CHECKING:
     from analyze.types import Array
 
-_MAX_STEP_S = 1e-3
+_MAX_STEP_S = 2.1e-3
 """longest integration step [s]"""
 _MIN_INERTIA_SHARE = 0.02
 """least J over R^2; trial steps of a fit may leave the physical range"""
@@ -68,11 +68,11 @@ def held_forces(bodies: SlidingBodies, theta: Array, omega: Array) -> tuple[Arra
         theta: (c,) tipping angle [rad].
         omega: (c,) angular speed [rad/s].
     """
-    rho, g = bodies.radius, bodies.gravity
-    side, up, along, down = _arms(bodies, theta)
-    pull, load = omega**2 * side + g * along, g * down - omega**2 * up
-    alpha = -((up + rho) * pull + side * load) / (bodies.J + (up + rho) ** 2 + side**2)
-    return alpha, (up + rho) * alpha + pull, load + side * alpha
+    law = _Law(bodies)
+    side, up = law.arms(theta)
+    pull, load = law.without_turning(omega, side, up)
+    alpha = law.held(side, up, pull, load)
+    return alpha, (up + law.rho) * alpha + pull, load + side * alpha
 
 
 def sliding_path(time: Array, bodies: SlidingBodies, start: Array) -> tuple[Array, Array, Array]:
@@ -84,90 +84,106 @@ def sliding_path(time: Array, bodies: SlidingBodies, start: Array) -> tuple[Arra
         start: (4, c) tipping angle [rad], angular speed [rad/s], sliding [m] and its speed [m/s] at the
             start; a speed of 0 is an edge that sticks until friction gives out.
     """
-    state = np.array(start, dtype=np.float64)
+    law, state = _Law(bodies), np.array(start, dtype=np.float64)
     mode = np.sign(state[3])
-    found = np.empty((2, len(time), state.shape[1]))
-    load = np.empty_like(found[0])
-    found[:, 0], load[0] = state[[0, 2]], _load(bodies, state, mode)
-    for i in range(1, len(time)):
-        span = float(time[i] - time[i - 1])
-        steps = max(1, int(np.ceil(span / _MAX_STEP_S - 1e-9)))
-        for _ in range(steps):
-            state, mode = _step(bodies, state, mode, span / steps)
-        found[:, i], load[i] = state[[0, 2]], _load(bodies, state, mode)
-    return found[0], found[1], load
+    found = np.empty((3, len(time), state.shape[1]))
+    for i in range(len(time)):
+        if i:
+            span = float(time[i] - time[i - 1])
+            steps = max(1, int(np.ceil(span / _MAX_STEP_S - 1e-9)))
+            for _ in range(steps):
+                state, mode = law.step(state, mode, span / steps)
+        found[0, i], found[1, i] = state[0], state[2]
+        found[2, i] = law.accelerations(state[0], state[1], mode)[2]
+    return found[0], found[1], found[2]
 
 
-def _arms(bodies: SlidingBodies, theta: Array) -> tuple[Array, Array, Array, Array]:
-    """R sin psi and R cos psi [m], sine and cosine of the tilt, each (c,)."""
-    psi = bodies.phi - theta
-    return bodies.R * np.sin(psi), bodies.R * np.cos(psi), np.sin(bodies.tilt), np.cos(bodies.tilt)
+class _Law:
+    """Newton's law of c bodies on their edges, with what does not change during the motion."""
 
+    def __init__(self, bodies: SlidingBodies) -> None:
+        self._bodies = bodies
+        self.rho, self.J = bodies.radius, bodies.J
+        self._along, self._down = bodies.gravity * np.sin(bodies.tilt), bodies.gravity * np.cos(bodies.tilt)
 
-def _rates(bodies: SlidingBodies, state: Array, mode: Array) -> Array:
-    """Time derivatives (4, c) of angle, angular speed, sliding and sliding speed.
+    def arms(self, theta: Array) -> tuple[Array, Array]:
+        """R sin psi and R cos psi [m], each (c,)."""
+        psi = self._bodies.phi - theta
+        return self._bodies.R * np.sin(psi), self._bodies.R * np.cos(psi)
 
-    Args:
-        bodies: the c bodies.
-        state: (4, c) angle [rad], angular speed [rad/s], sliding [m], sliding speed [m/s].
-        mode: (c,) 0 for an edge that sticks, +1 or -1 for one that slides forwards or backwards.
-    """
-    theta, omega = state[0], np.clip(state[1], -_MAX_SPEED, _MAX_SPEED)
-    alpha, slide = _accelerations(bodies, theta, omega, mode)
-    return np.stack([omega, alpha, state[3], slide])
+    def without_turning(self, omega: Array, side: Array, up: Array) -> tuple[Array, Array]:
+        """T and N [m/s^2], each (c,), less the parts by angular acceleration and sliding."""
+        square = omega * omega
+        return square * side + self._along, self._down - square * up
 
+    def held(self, side: Array, up: Array, pull: Array, load: Array) -> Array:
+        """Angular acceleration (c,) [rad/s^2] of an edge that sticks."""
+        arm = up + self.rho
+        return -(arm * pull + side * load) / (self.J + arm * arm + side * side)
 
-def _accelerations(bodies: SlidingBodies, theta: Array, omega: Array, mode: Array) -> tuple[Array, Array]:
-    """Angular acceleration [rad/s^2] and acceleration of the sliding [m/s^2], each (c,)."""
-    rho, g = bodies.radius, bodies.gravity
-    held, _, _ = held_forces(bodies, theta, omega)
-    side, up, along, down = _arms(bodies, theta)
-    load = g * down - omega**2 * up
-    # T = rub N: N follows from the moment about c.
-    rub = -bodies.mu * mode
-    arm = side + rub * (up + rho)
-    inertia = bodies.J + arm * side
-    free = -arm * load / np.where(np.abs(inertia) < 1e-9, 1e-9, inertia)
-    force = rub * (load + side * free)
-    slide = force - g * along - rho * free - up * free - omega**2 * side
-    sticks = mode == 0
-    return np.where(sticks, held, free), np.where(sticks, 0.0, slide)
+    def accelerations(self, theta: Array, omega: Array, mode: Array) -> tuple[Array, Array, Array]:
+        """Angular acceleration [rad/s^2], acceleration of the sliding and N [m/s^2], each (c,).
 
+        Args:
+            theta: (c,) tipping angle [rad].
+            omega: (c,) angular speed [rad/s].
+            mode: (c,) 0 for an edge that sticks, +1 or -1 for one that slides forwards or backwards.
+        """
+        side, up = self.arms(theta)
+        pull, load = self.without_turning(omega, side, up)
+        if not mode.any():
+            alpha = self.held(side, up, pull, load)
+            return alpha, np.zeros_like(alpha), load + side * alpha
+        # T = rub N, and N follows from the moment about c.
+        rub = -self._bodies.mu * mode
+        arm = side + rub * (up + self.rho)
+        inertia = self.J + arm * side
+        alpha = -arm * load / inertia
+        if not mode.all():
+            alpha = np.where(mode == 0, self.held(side, up, pull, load), alpha)
+        normal = load + side * alpha
+        slide = rub * normal - pull - (up + self.rho) * alpha
+        return alpha, np.where(mode == 0, 0.0, slide), normal
 
-def _load(bodies: SlidingBodies, state: Array, mode: Array) -> Array:
-    """Load N (c,) [m/s^2] of the table on the edge, per mass."""
-    alpha, _ = _accelerations(bodies, state[0], state[1], mode)
-    side, up, _, down = _arms(bodies, state[0])
-    return bodies.gravity * down + side * alpha - state[1] ** 2 * up
+    def rates(self, state: Array, mode: Array) -> Array:
+        """Time derivatives (4, c) of angle, angular speed, sliding and sliding speed.
 
+        Args:
+            state: (4, c) angle [rad], angular speed [rad/s], sliding [m], sliding speed [m/s].
+            mode: (c,) as in `accelerations`.
+        """
+        found = np.empty_like(state)
+        found[0], found[2] = state[1], state[3]
+        found[1], found[3], _ = self.accelerations(state[0], state[1], mode)
+        return found
 
-def _step(bodies: SlidingBodies, state: Array, mode: Array, h: float) -> tuple[Array, Array]:
-    """State (4, c) and mode (c,) after `h` [s]; an edge whose sliding stops on the way may stick."""
-    after = _runge_kutta(bodies, state, mode, np.full(state.shape[1], h))
-    stops = (mode != 0) & (after[3] * mode < 0)
-    if np.any(stops):
-        # To the instant at which it stops, then on with friction the other way, or stuck.
-        part = np.where(stops, h * state[3] / np.where(stops, state[3] - after[3], 1.0), h)
-        at = _runge_kutta(bodies, state, mode, part)
-        at[3] = np.where(stops, 0.0, at[3])
-        again = np.where(stops, _sliding_mode(bodies, at), mode)
-        after = np.where(stops, _runge_kutta(bodies, at, again, h - part), after)
-        mode = again
-    rests = mode == 0
-    if np.any(rests):
-        mode = np.where(rests, _sliding_mode(bodies, after), mode)
-    return after, mode
+    def after(self, state: Array, mode: Array, h: Array | float) -> Array:
+        """State (4, c) after h [s] by the classical Runge-Kutta method, in one mode."""
+        first = self.rates(state, mode)
+        second = self.rates(state + (h / 2) * first, mode)
+        third = self.rates(state + (h / 2) * second, mode)
+        fourth = self.rates(state + h * third, mode)
+        found = state + (h / 6) * (first + 2 * (second + third) + fourth)
+        np.clip(found[1], -_MAX_SPEED, _MAX_SPEED, out=found[1])
+        return found
 
+    def step(self, state: Array, mode: Array, h: float) -> tuple[Array, Array]:
+        """State (4, c) and mode (c,) after h [s]; an edge whose sliding stops on the way may stick."""
+        after = self.after(state, mode, h)
+        stops = (mode != 0) & (after[3] * mode < 0)
+        if stops.any():
+            # To the instant at which it stops, then on with friction the other way, or stuck.
+            part = np.where(stops, h * state[3] / np.where(stops, state[3] - after[3], 1.0), h)
+            at = self.after(state, mode, part)
+            at[3] = np.where(stops, 0.0, at[3])
+            mode = np.where(stops, self.mode_from_rest(at), mode)
+            after = np.where(stops, self.after(at, mode, h - part), after)
+        rests = mode == 0
+        if rests.any():
+            mode = np.where(rests, self.mode_from_rest(after), mode)
+        return after, mode
 
-def _sliding_mode(bodies: SlidingBodies, state: Array) -> Array:
-    """Mode (c,) in which an edge at rest goes on: 0 if friction holds it, else the sign of its sliding."""
-    _, pull, load = held_forces(bodies, state[0], state[1])
-    return np.where(np.abs(pull) <= bodies.mu * load, 0.0, -np.sign(pull))
-
-
-def _runge_kutta(bodies: SlidingBodies, state: Array, mode: Array, h: Array) -> Array:
-    first = _rates(bodies, state, mode)
-    second = _rates(bodies, state + h / 2 * first, mode)
-    third = _rates(bodies, state + h / 2 * second, mode)
-    fourth = _rates(bodies, state + h * third, mode)
-    return state + h / 6 * (first + 2 * (second + third) + fourth)
+    def mode_from_rest(self, state: Array) -> Array:
+        """Mode (c,) in which an edge that does not slide goes on: 0 if friction holds it."""
+        _, pull, load = held_forces(self._bodies, state[0], state[1])
+        return np.where(np.abs(pull) <= self._bodies.mu * load, 0.0, -np.sign(pull))

@@ -1,0 +1,258 @@
+"""Friction, restitution and rolling loss between the object and its table, from an estimate's strikes."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.errors import EstimationError
+from analyze.estimation.contact_properties import (
+    HIGHEST_MU,
+    LOWEST_MU,
+    Friction,
+    LandingRestitution,
+    Restitution,
+    RollingResistance,
+    StrikeFriction,
+    combined_friction,
+    combined_restitution,
+    combined_rolling,
+    held_evidence,
+)
+from analyze.motion.held_edge import LASTING_S, HeldRatio, held_ratio, rolling_loss, slide_range
+from analyze.motion.landing_impact import LandingLine, landing
+from analyze.motion.sliding_fit import FrictionLikelihood, PivotBody, friction_likelihood
+from analyze.pipeline.sections import strike_supports
+
+if TYPE_CHECKING:
+    from analyze.pipeline.estimate import Estimate
+    from analyze.types import MotionFit, Phases, TipAngle, TipMotion
+    from schemas.strike_plan import PlannedStrike
+
+_PAST_BALANCE = 0.05
+"""angle past balance [rad] from which the fall is used: the body no longer lingers"""
+_HELD_RANGE = 1.5e-4
+"""sliding [m] up to which the edge counts as held on its way up"""
+_SLID_RANGE = 4e-4
+"""sliding [m] on the way up from which it is fitted"""
+_RADIUS_SD = 3e-4
+"""standard deviation of an edge's radius [m]"""
+_OFF_AXIS = math.radians(4.0)
+"""turn about other axes [rad] at which a fall over a rim no longer is a plane motion"""
+_ON_TABLE_M = 1e-3
+"""height over the table [m] up to which a point belongs to the resting face"""
+_CURVE_POINTS = 1500
+"""coefficients of friction at which a strike's evidence is kept"""
+_LEAST_BODY = 5e-3
+"""least distance [m] of a line that lands from the edge"""
+
+
+@dataclass(frozen=True)
+class ContactProperties:
+    """Properties of the contact between the object and the table of its recordings."""
+
+    table: str
+    """name of the table"""
+    friction: Friction | None
+    """coefficient of friction; None if no strike shows any bound"""
+    restitution: Restitution | None
+    """restitution at landings; None if no landing was seen"""
+    rolling: RollingResistance | None
+    """rolling resistance; None if no strike rocked back far enough"""
+
+
+@dataclass(frozen=True)
+class _Strike:
+    """One strike with what the contact estimate needs of it."""
+
+    motion: TipMotion
+    planned: PlannedStrike
+    angle: TipAngle
+    phases: Phases
+    fit: MotionFit
+    body: PivotBody
+
+
+def contact_properties(estimate: Estimate) -> ContactProperties:
+    """Friction, restitution and rolling loss from the strikes of an estimate.
+
+    Used are the strikes that the estimate used, about the planned edge (a strike that balanced over the next
+    line of the shape, or rolled on a curve, shows only its landing).
+
+    Args:
+        estimate: joint estimate of the object.
+    """
+    friction: list[StrikeFriction] = []
+    landings: list[LandingRestitution] = []
+    arms: list[tuple[float, float]] = []
+    for strike in _strikes(estimate):
+        if strike.fit.rolling is None:
+            friction.append(_friction(strike))
+        if (landed := _landing(estimate, strike)) is not None:
+            landings.append(landed)
+        loss = rolling_loss(strike.fit, strike.angle, strike.body.R)
+        if loss is not None:
+            arms.append((loss.arm, loss.sd))
+    return ContactProperties(
+        table_name(estimate),
+        combined_friction([each for each in friction if len(each.mu) > 1]),
+        combined_restitution(landings),
+        combined_rolling(arms),
+    )
+
+
+def table_name(estimate: Estimate) -> str:
+    """Name of the table as the rig files state it, or "the table of this recording"."""
+    names: set[str] = set()
+    for head in estimate.evidence.recordings:
+        try:
+            stated = tomllib.loads(head.rig_toml or "").get("table")
+        except tomllib.TOMLDecodeError:
+            stated = None
+        if isinstance(stated, str):
+            names.add(stated)
+    several = len(estimate.evidence.recordings) > 1
+    return " and ".join(sorted(names)) or f"the table of {'these recordings' if several else 'this recording'}"
+
+
+def _strikes(estimate: Estimate) -> list[_Strike]:
+    """Strikes of an estimate with their bodies, in recording order."""
+    evidence, com = estimate.evidence, estimate.com_struck
+    motions = {motion.strike_id: motion for motion in evidence.motions}
+    found: list[_Strike] = []
+    for i, plane in enumerate(com.planes):
+        motion = motions[plane.strike_id]
+        fit = motion.fit
+        if fit is None or fit.k is None or motion.angle is None or motion.phases is None:
+            continue
+        if motion.carried_by is not None or motion.edge_path is None:
+            continue
+        planned = evidence.planned(motion)
+        tilt = com.tilts[plane.level] if plane.level < len(com.tilts) else None
+        towards = np.array([math.cos(plane.heading), math.sin(plane.heading)])
+        lean = 0.0 if tilt is None else float(towards @ tilt.lean)
+        lean_sd = 0.0 if tilt is None else math.sqrt(float(towards @ tilt.covariance @ towards))
+        scale = np.array([1.0, 1.0 / fit.k])
+        body = PivotBody(
+            fit.phi,
+            fit.k,
+            fit.covariance * np.outer(scale, scale),
+            float(com.distances[i]),
+            math.hypot(math.sqrt(float(com.distance_covariance[i, i])), plane.edge_sd),
+            planned.pivot.radius_m,
+            plane.radius_sd or _RADIUS_SD,
+            lean,
+            lean_sd,
+            evidence.recording_of(motion.strike_id).manifest.g_m_s2,
+        )
+        found.append(_Strike(motion, planned, motion.angle, motion.phases, fit, body))
+    return found
+
+
+def _friction(strike: _Strike) -> StrikeFriction:
+    """Evidence of one strike on friction: its fall, and its way up."""
+    likelihoods = [each for each in (_fall(strike), _rise_slide(strike)) if each is not None]
+    held = _held(strike) if not any(each.slid > _SLID_RANGE for each in likelihoods[1:]) else None
+    fine = np.geomspace(LOWEST_MU, HIGHEST_MU, _CURVE_POINTS)
+    curves = [(fine, each.value(fine)) for each in likelihoods]
+    if held is not None:
+        curves.append(held_evidence(held.ratio, held.sd))
+    mu = np.unique(np.concatenate([curve[0] for curve in curves])) if curves else np.zeros(0)
+    chi2 = np.sum([np.interp(mu, *curve) for curve in curves], axis=0) if curves else np.zeros(0)
+    return StrikeFriction(
+        strike.motion.strike_id,
+        mu,
+        chi2 - chi2.min(initial=np.inf) if len(mu) else chi2,
+        max((each.slid for each in likelihoods), default=0.0),
+        None if held is None else held.ratio,
+        None if held is None else held.sd,
+    )
+
+
+def _fall(strike: _Strike) -> FrictionLikelihood | None:
+    """Likelihood of friction from the fall past balance; None if the strike has none."""
+    if strike.phases.stage_two is None:
+        return None
+    theta = strike.angle.theta
+    begin, end = strike.phases.stage_two
+    first = begin + int(np.argmax(theta[begin:end] > strike.body.phi + _PAST_BALANCE))
+    last = end - 1
+    if strike.planned.rolls:
+        aside = np.flatnonzero(strike.angle.off_axis[first:last] > _OFF_AXIS)
+        last = first + int(aside[0]) if len(aside) else last
+    return _likelihood(strike, (first, last), moving=False)
+
+
+def _rise_slide(strike: _Strike) -> FrictionLikelihood | None:
+    """Likelihood of friction from a slide between the impact and balance; None if there is none."""
+    window = _rise(strike)
+    if slide_range(strike.angle, strike.motion.edge_path, window) < _SLID_RANGE:  # type: ignore[arg-type]
+        return None
+    return _likelihood(strike, window, moving=True)
+
+
+def _rise(strike: _Strike) -> tuple[int, int]:
+    """Frames [start, stop) of the free motion up to balance."""
+    begin, end = strike.phases.stage_one or (0, 0)
+    return max(begin, strike.fit.window[0]), min(end, strike.fit.window[1])
+
+
+def _likelihood(strike: _Strike, window: tuple[int, int], *, moving: bool) -> FrictionLikelihood | None:
+    path = strike.motion.edge_path
+    if path is None:
+        return None
+    try:
+        return friction_likelihood(strike.angle, path, window, strike.body, moving=moving)
+    except (EstimationError, np.linalg.LinAlgError):
+        return None
+
+
+def _held(strike: _Strike) -> HeldRatio | None:
+    """Friction that the edge needed while it held on its way up; None if it slid, or too few frames show it."""
+    window, path = _rise(strike), strike.motion.edge_path
+    if path is None or window[1] - window[0] < 6 or slide_range(strike.angle, path, window) > _HELD_RANGE:
+        return None
+    last = 1e-9 * float(strike.angle.time_ns[window[1] - 1] - strike.fit.time0_ns)
+    return held_ratio(strike.fit, strike.body, last - LASTING_S)
+
+
+def _landing(estimate: Estimate, strike: _Strike) -> LandingRestitution | None:
+    """Restitution at the landing of a strike; None if none is seen."""
+    path, phase = strike.motion.edge_path, strike.phases.landing
+    if path is None or phase is None or phase[0] < 1:
+        return None
+    line = _landing_line(estimate, strike)
+    if line is None:
+        return None
+    found = landing(strike.angle, path, line, phase[0] - 1, strike.body.gravity)
+    if found is None:
+        return None
+    return LandingRestitution(
+        strike.motion.strike_id,
+        found.restitution,
+        found.sd,
+        found.upper,
+        found.speed,
+        found.omega_before,
+        found.omega_after,
+    )
+
+
+def _landing_line(estimate: Estimate, strike: _Strike) -> LandingLine | None:
+    """Line that lands next: the far end of the next face, or of the resting face if it rocked back."""
+    model, planned = estimate.evidence.model, strike.planned
+    if strike.phases.stage_two is None:
+        at_rest = (model.hull_vertices - np.array(planned.pivot.point)) @ np.array(planned.R_world_object).T
+        low = at_rest[at_rest[:, 2] < at_rest[:, 2].min() + _ON_TABLE_M]
+        distance = float(low[:, 0].min()) + planned.pivot.radius_m
+        return LandingLine(0.0, distance) if distance < -_LEAST_BODY else None
+    lines = strike_supports(model, planned)
+    if lines is None or len(lines) < 2 or lines[1].is_curve:
+        return None
+    first, second = lines[0], lines[1]
+    distance = math.hypot(second.along_m - first.along_m, second.up_m - first.up_m)
+    return LandingLine(second.takes_over_rad, distance) if distance > _LEAST_BODY else None
