@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 from pydantic import Field, model_validator
 
+from schemas.contact_result import ContactPropertiesResult
 from schemas.document import Document, SparseDocument, Vector3
 from schemas.fixture_result import FixtureResult
 from schemas.quantity import RENAMED, Quantity, RenamedDocument, json_entries
@@ -286,6 +287,7 @@ class Result(SparseDocument):
         "filling",
         "frame_times",
         "fixture",
+        "contact_properties",
     )
 
     schema_version: str = RESULT_VERSION
@@ -341,6 +343,11 @@ class Result(SparseDocument):
 
     fixture: FixtureResult | None = Field(
         default=None, description="what was struck with the object and subtracted; not written without one"
+    )
+
+    contact_properties: ContactPropertiesResult | None = Field(
+        default=None,
+        description="friction and restitution on the table; not written in older results, or if none is seen",
     )
 
     robustness: list[AlternativeResult] | None = Field(

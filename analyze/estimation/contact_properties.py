@@ -33,6 +33,11 @@ _SCATTERS = np.array([0.0, 0.005, 0.01, 0.02, 0.04, 0.08, 0.16])
 """scatters of ln mu from strike to strike that are tried"""
 _SCATTER_SCALE = 0.02
 """scale of the exponential prior of that scatter: dry friction repeats to some per cent"""
+_SHARED_SD = 0.01
+"""relative error that all strikes share: the lens's strain, the distance of the centre of mass, and friction
+that is not quite Coulomb's"""
+_NODES = 15
+"""points at which shared errors are tried"""
 _TWO_SIDED, _ONE_SIDED = 3.84, 2.71
 """chi^2 at the ends of a 95 % interval, and at a bound that holds with 95 %"""
 _OPEN_MU = 1.7
@@ -125,6 +130,20 @@ class RollingResistance:
     """number of strikes"""
 
 
+@dataclass(frozen=True)
+class ContactProperties:
+    """Properties of the contact between the object and the table of its recordings."""
+
+    table: str
+    """name of the table"""
+    friction: Friction | None
+    """coefficient of friction; None if no strike shows any bound"""
+    restitution: Restitution | None
+    """restitution at landings; None if no landing was seen"""
+    rolling: RollingResistance | None
+    """rolling resistance; None if no strike rocked back far enough"""
+
+
 def held_evidence(ratio: float, sd: float) -> tuple[Array, Array]:
     """Coefficients (m,) and chi^2 (m,) of an edge that held while it needed a ratio of forces, with sd."""
     mu = np.unique(np.concatenate([[LOWEST_MU], ratio + sd * np.linspace(-6.0, 0.0, 25), [HIGHEST_MU]]))
@@ -132,8 +151,14 @@ def held_evidence(ratio: float, sd: float) -> tuple[Array, Array]:
     return mu, np.where(mu < ratio, ((ratio - mu) / sd) ** 2, 0.0)
 
 
-def combined_friction(strikes: Sequence[StrikeFriction]) -> Friction | None:
-    """Coefficient of friction from all strikes; None without any evidence."""
+def combined_friction(strikes: Sequence[StrikeFriction], tilt_sd: float) -> Friction | None:
+    """Coefficient of friction from all strikes; None without any evidence.
+
+    Args:
+        strikes: evidence of each strike.
+        tilt_sd: standard deviation of the vertical's lean against the table's normal [rad], which all strikes
+            share: it is part of a friction angle.
+    """
     if not strikes:
         return None
     ln_mu = np.arange(math.log(LOWEST_MU), math.log(HIGHEST_MU), _STEP)
@@ -141,7 +166,7 @@ def combined_friction(strikes: Sequence[StrikeFriction]) -> Friction | None:
     by_scatter = np.array([_blurred(each, scatter).sum(axis=0) for scatter in _SCATTERS])
     prior = -_SCATTERS / _SCATTER_SCALE
     joint = by_scatter + prior[:, None]
-    total = np.asarray(logsumexp(joint, axis=0))
+    total = _with_shared_error(ln_mu, np.asarray(logsumexp(joint, axis=0)), tilt_sd)
     chi2 = -2.0 * (total - total.max())
     mu = np.exp(ln_mu)
     inside = np.flatnonzero(chi2 <= _TWO_SIDED)
@@ -155,6 +180,18 @@ def combined_friction(strikes: Sequence[StrikeFriction]) -> Friction | None:
     closed = sum(float(one.chi2[-1]) > _TWO_SIDED for one in strikes)
     sd = (high - low) / (2 * SIGMAS_95)
     return Friction(best, sd, (low, high), bound, scatter if closed > 1 else None, tuple(strikes))
+
+
+def _with_shared_error(ln_mu: Array, total: Array, tilt_sd: float) -> Array:
+    """Log-likelihood (n,) over ln mu (n,), with the errors that all strikes share.
+
+    They are the tilt, and a share for lens, clock and the distance of the centre of mass.
+    """
+    mu = np.exp(ln_mu)
+    shift = np.hypot(tilt_sd * (1 + mu**2) / mu, _SHARED_SD)
+    nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES)
+    parts = [np.interp(ln_mu - shift * node, ln_mu, total) + math.log(weight) for node, weight in zip(nodes, weights, strict=True)]
+    return np.asarray(logsumexp(np.array(parts), axis=0))
 
 
 def _blurred(log_likelihood: Array, scatter: float) -> Array:

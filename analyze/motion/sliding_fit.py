@@ -13,7 +13,7 @@ of a millimetre (edge_offset.py); both are in the errors.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -38,13 +38,15 @@ _PLACE_SD = 5e-4
 """standard deviation [m] of the edge's assumed place, at least"""
 _UNPLACED_SD = 2e-2
 """standard deviation [m] of the edge's assumed place where no marker's place on the object is known"""
-_ROUNDS = 3
+_ROUNDS = 2
 """Gauss-Newton steps at every coefficient"""
 _STEPS = np.array([1e-6, 1e-5, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6])
 """differences of theta0, omega0, v0, phi, ln k, ln R, tilt, for derivatives"""
 _DYNAMIC = len(_STEPS)
 _OUTLIER_SIGMAS = 5.0
 """standardised residual above which a frame is left out"""
+_MEDIAN_OF_NORMAL = 0.67
+"""median of the absolute value of a standard normal variable"""
 _MIN_LOAD = 0.05
 """least load of the table on the edge, over the weight, below which it may leave the table"""
 MIN_FRAMES = 6
@@ -87,8 +89,6 @@ class FrictionLikelihood:
     """(m,) chi^2 of the best motion at each, less the least; in units of the noise that is seen"""
     slid: float
     """range of the edge's sliding in the window at the best coefficient [m]"""
-    needed: float
-    """largest |T|/N that an edge which sticks would need in the window"""
     frames: int
     """number of frames"""
     misfit: float
@@ -170,34 +170,26 @@ def _profile(
 ) -> tuple[FrictionLikelihood, Array]:
     """Chi^2 over the coefficients of friction, and the mask (n,) of frames that no motion explains."""
     prior = _prior(frames, body, place_sd, moving)
-    x = np.repeat(prior[0][None], len(MU_GRID), axis=0)
-    x, chi2, left = _minimised(frames, body, MU_GRID, x, prior, _ROUNDS)
-    mu, all_chi2, all_x, all_left = MU_GRID, chi2, x, left
+    start = np.repeat(prior[0][None], len(MU_GRID), axis=0)
+    found = _minimised(frames, body, MU_GRID, start, prior, _ROUNDS)
     for _ in range(_REFINED):
-        best = int(np.argmin(all_chi2))
-        fine = np.linspace(mu[max(best - 1, 0)], mu[min(best + 1, len(mu) - 1)], _FINE + 2)[1:-1]
-        near = np.repeat(all_x[best][None], _FINE, axis=0)
-        more = _minimised(frames, body, fine, near, prior, _ROUNDS - 1)
-        mu = np.concatenate([mu, fine])
-        order = np.argsort(mu, kind="stable")
-        mu, all_x = mu[order], np.concatenate([all_x, more[0]])[order]
-        all_chi2 = np.concatenate([all_chi2, more[1]])[order]
-        all_left = np.concatenate([all_left, more[2]])[order]
-    best = int(np.argmin(all_chi2))
-    residual = all_left[best].reshape(-1, 3)
+        best = int(np.argmin(found.chi2))
+        fine = np.linspace(found.mu[max(best - 1, 0)], found.mu[min(best + 1, len(found.mu) - 1)], _FINE + 2)
+        near = np.repeat(found.x[best][None], _FINE, axis=0)
+        found = found.joined(_minimised(frames, body, fine[1:-1], near, prior, _ROUNDS))
+    best = int(np.argmin(found.chi2))
+    residual = found.left[best].reshape(-1, 3)
     # Whitened residuals of one frame depend on earlier ones: what is left is each frame's own surprise.
     rms = float(np.sqrt(np.mean(residual**2)))
-    bad = np.max(np.abs(residual), axis=1) > _OUTLIER_SIGMAS * max(1.0, float(np.median(np.abs(residual))) / 0.67)
-    theta, slip, load = _paths(frames.time, body, mu[best : best + 1], all_x[best : best + 1])
-    bad |= load[:, 0] < _MIN_LOAD * body.gravity
-    held = _needed(frames.time, body, all_x[best])
+    usual = max(1.0, float(np.median(np.abs(residual))) / _MEDIAN_OF_NORMAL)
+    bad = np.max(np.abs(residual), axis=1) > _OUTLIER_SIGMAS * usual
+    bad |= found.load[best] < _MIN_LOAD * body.gravity
     scale = max(1.0, rms * np.sqrt(residual.size / max(residual.size - 8, 1)))
-    keep = np.append(True, np.diff(mu) > 1e-12)
+    keep = np.append(True, np.diff(found.mu) > 1e-12)
     result = FrictionLikelihood(
-        mu[keep],
-        (all_chi2[keep] - all_chi2[best]) / scale**2,
-        float(np.ptp(slip[:, 0])),
-        held,
+        found.mu[keep],
+        (found.chi2[keep] - found.chi2[best]) / scale**2,
+        float(np.ptp(found.slip[best])),
         len(frames.time),
         rms,
     )
@@ -234,41 +226,73 @@ def _prior(frames: _Window, body: PivotBody, place_sd: float | None, moving: boo
     return start, np.linalg.inv(covariance)
 
 
+@dataclass(frozen=True)
+class _Solutions:
+    """Best motion at each of m coefficients of friction, ascending."""
+
+    mu: Array
+    """(m,) coefficients"""
+    x: Array
+    """(m, 11) parameters, as in `_prior`"""
+    chi2: Array
+    """(m,)"""
+    left: Array
+    """(m, 3 n) whitened residuals"""
+    slip: Array
+    """(m, n) sliding [m]"""
+    load: Array
+    """(m, n) load of the table on the edge, per mass [m/s^2]"""
+
+    def joined(self, other: _Solutions) -> _Solutions:
+        """Both together, ordered by coefficient."""
+        order = np.argsort(np.concatenate([self.mu, other.mu]), kind="stable")
+        pairs = ((getattr(self, each.name), getattr(other, each.name)) for each in fields(self))
+        return _Solutions(*(np.concatenate(pair)[order] for pair in pairs))
+
+
 def _minimised(
     frames: _Window, body: PivotBody, mu: Array, x: Array, prior: tuple[Array, Array], rounds: int
-) -> tuple[Array, Array, Array]:
-    """Best parameters (m, 11), chi^2 (m,) and whitened residuals (m, 3 n) at coefficients of friction (m,)."""
+) -> _Solutions:
+    """Best motions at coefficients of friction (m,), from parameters x (m, 11) on."""
     mean, inverse = prior
-    m, size = len(mu), frames.whiten.shape[0]
-    best, best_chi2, best_left = x.copy(), np.full(m, np.inf), np.zeros((m, size))
+    m, n = len(mu), len(frames.time)
+    size = 3 * n
+    best = _Solutions(
+        mu, x.copy(), np.full(m, np.inf), np.zeros((m, size)), np.zeros((m, n)), np.zeros((m, n))
+    )
     damping = np.full(m, 1e-6)
-    x = x.copy()
     for number in range(rounds + 1):
-        expected, by = _expected(frames, body, mu, x)
-        left = np.einsum("ab,mb->ma", frames.whiten, (frames.seen[None] - expected).reshape(m, -1))
+        expected, by, slip, load = _expected(frames, body, mu, x)
+        left = ((frames.seen - expected).reshape(m, size)) @ frames.whiten.T
         off = x - mean
         chi2 = np.sum(left**2, axis=1) + np.einsum("mi,ij,mj->m", off, inverse, off)
-        better = chi2 < best_chi2
-        best[better], best_chi2[better], best_left[better] = x[better], chi2[better], left[better]
+        better = chi2 < best.chi2
+        for kept, new in zip(
+            (best.x, best.chi2, best.left, best.slip, best.load), (x, chi2, left, slip, load), strict=True
+        ):
+            kept[better] = new[better]
         damping = np.where(better, damping / 10, np.minimum(damping * 100, 1e2))
         if number == rounds:
             break
-        J = np.einsum("ab,mbp->map", frames.whiten, by.reshape(m, size, -1))
-        normal = np.einsum("map,maq->mpq", J, J) + inverse
-        gradient = np.einsum("map,ma->mp", J, left) - off @ inverse
+        J = frames.whiten @ by.reshape(m, size, -1)
+        transposed = J.transpose(0, 2, 1)
+        normal = transposed @ J + inverse
+        gradient = (transposed @ left[..., None])[..., 0] - off @ inverse
         normal = normal + damping[:, None, None] * np.eye(11) * np.einsum("mii->mi", normal)[:, None]
         step = np.linalg.solve(normal, gradient[..., None])[..., 0]
-        x = np.where(better[:, None], x + step, best)
-    return best, best_chi2, best_left
+        x = np.where(better[:, None], x + step, best.x)
+    return best
 
 
-def _expected(frames: _Window, body: PivotBody, mu: Array, x: Array) -> tuple[Array, Array]:
-    """Theta, slip and lift (m, n, 3), and their derivatives (m, n, 3, 11) by the parameters."""
+def _expected(
+    frames: _Window, body: PivotBody, mu: Array, x: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Expected theta, slip and lift (m, n, 3), their derivatives (m, n, 3, 11), true sliding and load (m, n)."""
     m, n = len(mu), len(frames.time)
     offsets = np.concatenate([np.zeros((1, _DYNAMIC)), np.diag(_STEPS)])
     cases = np.repeat(x[:, None], _DYNAMIC + 1, axis=1)
     cases[:, :, :_DYNAMIC] += offsets
-    theta, slip, _ = _paths(frames.time, body, np.repeat(mu, _DYNAMIC + 1), cases.reshape(-1, 11))
+    theta, slip, load = _paths(frames.time, body, np.repeat(mu, _DYNAMIC + 1), cases.reshape(-1, 11))
     both = np.stack([theta, slip], axis=-1).reshape(n, m, _DYNAMIC + 1, 2).transpose(1, 0, 3, 2)
     expected = np.zeros((m, n, 3))
     expected[:, :, :2] = both[..., 0]
@@ -277,7 +301,7 @@ def _expected(frames: _Window, body: PivotBody, mu: Array, x: Array) -> tuple[Ar
     by[:, :, :2, :_DYNAMIC] = (both[..., 1:] - both[..., :1]) / _STEPS
     by[:, :, 1, 7] = 1.0
     by[..., 8:] = frames.by_edge[None]
-    return expected, by
+    return expected, by, both[:, :, 1, 0], load[:, :: _DYNAMIC + 1].T
 
 
 def _bodies(body: PivotBody, mu: Array, x: Array) -> SlidingBodies:
@@ -288,18 +312,3 @@ def _paths(time: Array, body: PivotBody, mu: Array, x: Array) -> tuple[Array, Ar
     """Theta [rad], sliding [m] and load [m/s^2], each (n, c), of c cases with parameters x (c, 11)."""
     start = np.stack([x[:, 0], x[:, 1], x[:, 7], np.where(np.abs(x[:, 2]) < 1e-5, 0.0, x[:, 2])])
     return sliding_path(time, _bodies(body, mu, x), start)
-
-
-def _needed(time: Array, body: PivotBody, x: Array) -> float:
-    """Largest |T|/N of an edge that sticks throughout, while the table carries it."""
-    from analyze.motion.sliding_motion import held_forces
-
-    stuck = x.copy()
-    stuck[2] = 0.0
-    grip = np.array([1e6])
-    theta, _, load = _paths(time, body, grip, stuck[None])
-    omega = np.gradient(theta[:, 0], time)
-    bodies = replace(_bodies(body, grip, stuck[None]))
-    _, pull, normal = held_forces(bodies, theta[:, 0], omega)
-    carried = normal > _MIN_LOAD * body.gravity
-    return float(np.max(np.abs(pull[carried]) / normal[carried], initial=0.0))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,10 +13,8 @@ from analyze.errors import EstimationError
 from analyze.estimation.contact_properties import (
     HIGHEST_MU,
     LOWEST_MU,
-    Friction,
+    ContactProperties,
     LandingRestitution,
-    Restitution,
-    RollingResistance,
     StrikeFriction,
     combined_friction,
     combined_restitution,
@@ -24,7 +22,7 @@ from analyze.estimation.contact_properties import (
     held_evidence,
 )
 from analyze.motion.held_edge import LASTING_S, HeldRatio, held_ratio, rolling_loss, slide_range
-from analyze.motion.landing_impact import LandingLine, landing
+from analyze.motion.landing_impact import LandingBody, landing
 from analyze.motion.sliding_fit import FrictionLikelihood, PivotBody, friction_likelihood
 from analyze.pipeline.sections import strike_supports
 
@@ -43,26 +41,14 @@ _RADIUS_SD = 3e-4
 """standard deviation of an edge's radius [m]"""
 _OFF_AXIS = math.radians(4.0)
 """turn about other axes [rad] at which a fall over a rim no longer is a plane motion"""
+_OWN_TILT_SD = 1e-4
+"""standard deviation of the table's tilt from strike to strike [rad]"""
 _ON_TABLE_M = 1e-3
 """height over the table [m] up to which a point belongs to the resting face"""
 _CURVE_POINTS = 1500
 """coefficients of friction at which a strike's evidence is kept"""
 _LEAST_BODY = 5e-3
 """least distance [m] of a line that lands from the edge"""
-
-
-@dataclass(frozen=True)
-class ContactProperties:
-    """Properties of the contact between the object and the table of its recordings."""
-
-    table: str
-    """name of the table"""
-    friction: Friction | None
-    """coefficient of friction; None if no strike shows any bound"""
-    restitution: Restitution | None
-    """restitution at landings; None if no landing was seen"""
-    rolling: RollingResistance | None
-    """rolling resistance; None if no strike rocked back far enough"""
 
 
 @dataclass(frozen=True)
@@ -75,6 +61,8 @@ class _Strike:
     phases: Phases
     fit: MotionFit
     body: PivotBody
+    tilt_sd: float
+    """standard deviation of the table's tilt in the direction of tipping [rad], which strikes share"""
 
 
 def contact_properties(estimate: Estimate) -> ContactProperties:
@@ -89,7 +77,8 @@ def contact_properties(estimate: Estimate) -> ContactProperties:
     friction: list[StrikeFriction] = []
     landings: list[LandingRestitution] = []
     arms: list[tuple[float, float]] = []
-    for strike in _strikes(estimate):
+    strikes = _strikes(estimate)
+    for strike in strikes:
         if strike.fit.rolling is None:
             friction.append(_friction(strike))
         if (landed := _landing(estimate, strike)) is not None:
@@ -99,10 +88,20 @@ def contact_properties(estimate: Estimate) -> ContactProperties:
             arms.append((loss.arm, loss.sd))
     return ContactProperties(
         table_name(estimate),
-        combined_friction([each for each in friction if len(each.mu) > 1]),
+        combined_friction(
+            [each for each in friction if len(each.mu) > 1],
+            max((strike.tilt_sd for strike in strikes), default=0.0),
+        ),
         combined_restitution(landings),
         combined_rolling(arms),
     )
+
+
+def with_contact_properties(estimate: Estimate) -> Estimate:
+    """Copy of an estimate with the friction and restitution that its strikes show, where they show any."""
+    found = contact_properties(estimate)
+    seen = (found.friction, found.restitution, found.rolling)
+    return replace(estimate, contact=found) if any(each is not None for each in seen) else estimate
 
 
 def table_name(estimate: Estimate) -> str:
@@ -146,10 +145,10 @@ def _strikes(estimate: Estimate) -> list[_Strike]:
             planned.pivot.radius_m,
             plane.radius_sd or _RADIUS_SD,
             lean,
-            lean_sd,
+            _OWN_TILT_SD,
             evidence.recording_of(motion.strike_id).manifest.g_m_s2,
         )
-        found.append(_Strike(motion, planned, motion.angle, motion.phases, fit, body))
+        found.append(_Strike(motion, planned, motion.angle, motion.phases, fit, body, lean_sd))
     return found
 
 
@@ -225,10 +224,10 @@ def _landing(estimate: Estimate, strike: _Strike) -> LandingRestitution | None:
     path, phase = strike.motion.edge_path, strike.phases.landing
     if path is None or phase is None or phase[0] < 1:
         return None
-    line = _landing_line(estimate, strike)
-    if line is None:
+    body = _landing_body(estimate, strike)
+    if body is None:
         return None
-    found = landing(strike.angle, path, line, phase[0] - 1, strike.body.gravity)
+    found = landing(strike.angle, path, body, phase[0] - 1, strike.body.gravity)
     if found is None:
         return None
     return LandingRestitution(
@@ -242,17 +241,20 @@ def _landing(estimate: Estimate, strike: _Strike) -> LandingRestitution | None:
     )
 
 
-def _landing_line(estimate: Estimate, strike: _Strike) -> LandingLine | None:
-    """Line that lands next: the far end of the next face, or of the resting face if it rocked back."""
-    model, planned = estimate.evidence.model, strike.planned
+def _landing_body(estimate: Estimate, strike: _Strike) -> LandingBody | None:
+    """Lines of the body that land: the end of the next face, or of the resting face if it rocked back."""
+    model, planned, body = estimate.evidence.model, strike.planned, strike.body
+    com = body.R * np.array([-math.sin(body.phi), math.cos(body.phi)])
     if strike.phases.stage_two is None:
         at_rest = (model.hull_vertices - np.array(planned.pivot.point)) @ np.array(planned.R_world_object).T
         low = at_rest[at_rest[:, 2] < at_rest[:, 2].min() + _ON_TABLE_M]
-        distance = float(low[:, 0].min()) + planned.pivot.radius_m
-        return LandingLine(0.0, distance) if distance < -_LEAST_BODY else None
+        back = float(low[:, 0].min()) + planned.pivot.radius_m
+        line = np.array([back, 0.0])
+        return LandingBody(line, np.zeros((0, 2)), com) if back < -_LEAST_BODY else None
     lines = strike_supports(model, planned)
-    if lines is None or len(lines) < 2 or lines[1].is_curve:
+    if lines is None or len(lines) < 2 or any(line.is_curve for line in lines[:2]):
         return None
-    first, second = lines[0], lines[1]
-    distance = math.hypot(second.along_m - first.along_m, second.up_m - first.up_m)
-    return LandingLine(second.takes_over_rad, distance) if distance > _LEAST_BODY else None
+    places = np.array([[line.along_m - lines[0].along_m, line.up_m - lines[0].up_m] for line in lines[1:]])
+    if float(np.linalg.norm(places[0])) < _LEAST_BODY:
+        return None
+    return LandingBody(places[0], places[1:], com)

@@ -20,6 +20,7 @@ from analyze.estimation.agreement import (
 )
 from analyze.estimation.cells import Cells
 from analyze.estimation.checks import Checks
+from analyze.estimation.contact_properties import ContactProperties
 from analyze.estimation.edge_radii import EdgeRadius, RadiusCheck, estimated_radii
 from analyze.estimation.fill_level import FillLevel
 from analyze.estimation.joint import JointSolution
@@ -133,6 +134,8 @@ class Estimate:
     """error of the shape's faces, assumed and estimated; None if the object file states it"""
     fixture: FixtureEstimate | None = None
     """body that was struck, and errors by their cause, where the object is held in a fixture; else None"""
+    contact: ContactProperties | None = None
+    """friction and restitution on the table; None unless `with_contact_properties` added them"""
 
     @property
     def com(self) -> CentreOfMass:

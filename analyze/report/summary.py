@@ -8,6 +8,7 @@ import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from analyze.result.contact import contact_lines
 from analyze.result.digits import ScaledUnit, open_interval, signed, with_interval
 from analyze.result.fixture import fixture_lines
 from analyze.result.frame_times import frame_time_lines
@@ -55,6 +56,7 @@ def render_summary(answer: Answer, console: Terminal | None = None) -> None:
         console.print(line)
     console.print()
     for line in [
+        *contact_lines(result),
         *tilt_lines(result),
         *radius_lines(result),
         *frame_time_lines(result.frame_times, len(recordings) > 1),

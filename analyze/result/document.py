@@ -8,6 +8,7 @@ import numpy as np
 
 from analyze.pipeline.filling import filling_label
 from analyze.result.assessment import assessment
+from analyze.result.contact import contact_document
 from analyze.result.filling import filling_document, filling_warnings
 from analyze.result.fixture import fixture_document
 from analyze.result.frame_times import frame_times_documents
@@ -77,6 +78,7 @@ def result_document(estimate: Estimate) -> Result:
             filling=filling,
             frame_times=frame_times or None,
             fixture=fixture_document(estimate.fixture),
+            contact_properties=contact_document(evidence.spec.name, estimate.contact),
             robustness=robustness_documents(estimate) or None,
         )
     )
