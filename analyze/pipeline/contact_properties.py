@@ -27,7 +27,10 @@ from analyze.motion.sliding_fit import FrictionLikelihood, PivotBody, friction_l
 from analyze.pipeline.sections import strike_supports
 
 if TYPE_CHECKING:
+    from analyze.estimation.mass_properties import CentreOfMass
+    from analyze.geometry.object_model import ObjectModel
     from analyze.pipeline.estimate import Estimate
+    from analyze.pipeline.evidence import Evidence
     from analyze.types import MotionFit, Phases, TipAngle, TipMotion
     from schemas.strike_plan import PlannedStrike
 
@@ -65,29 +68,30 @@ class _Strike:
     """standard deviation of the table's tilt in the direction of tipping [rad], which strikes share"""
 
 
-def contact_properties(estimate: Estimate) -> ContactProperties:
+def contact_properties(evidence: Evidence, com: CentreOfMass) -> ContactProperties:
     """Friction, restitution and rolling loss from the strikes of an estimate.
 
     Used are the strikes that the estimate used, about the planned edge (a strike that balanced over the next
     line of the shape, or rolled on a curve, shows only its landing).
 
     Args:
-        estimate: joint estimate of the object.
+        evidence: fitted motions of the strikes.
+        com: centre of mass of the body that tipped, with the planes of the strikes used.
     """
     friction: list[StrikeFriction] = []
     landings: list[LandingRestitution] = []
     arms: list[tuple[float, float]] = []
-    strikes = _strikes(estimate)
+    strikes = _strikes(evidence, com)
     for strike in strikes:
         if strike.fit.rolling is None:
             friction.append(_friction(strike))
-        if (landed := _landing(estimate, strike)) is not None:
+        if (landed := _landing(evidence.model, strike)) is not None:
             landings.append(landed)
         loss = rolling_loss(strike.fit, strike.angle, strike.body.R)
         if loss is not None:
             arms.append((loss.arm, loss.sd))
     return ContactProperties(
-        table_name(estimate),
+        table_name(evidence),
         combined_friction(
             [each for each in friction if len(each.mu) > 1],
             max((strike.tilt_sd for strike in strikes), default=0.0),
@@ -99,28 +103,27 @@ def contact_properties(estimate: Estimate) -> ContactProperties:
 
 def with_contact_properties(estimate: Estimate) -> Estimate:
     """Copy of an estimate with the friction and restitution that its strikes show, where they show any."""
-    found = contact_properties(estimate)
+    found = contact_properties(estimate.evidence, estimate.com_struck)
     seen = (found.friction, found.restitution, found.rolling)
     return replace(estimate, contact=found) if any(each is not None for each in seen) else estimate
 
 
-def table_name(estimate: Estimate) -> str:
+def table_name(evidence: Evidence) -> str:
     """Name of the table as the rig files state it, or "the table of this recording"."""
     names: set[str] = set()
-    for head in estimate.evidence.recordings:
+    for head in evidence.recordings:
         try:
             stated = tomllib.loads(head.rig_toml or "").get("table")
         except tomllib.TOMLDecodeError:
             stated = None
         if isinstance(stated, str):
             names.add(stated)
-    several = len(estimate.evidence.recordings) > 1
+    several = len(evidence.recordings) > 1
     return " and ".join(sorted(names)) or f"the table of {'these recordings' if several else 'this recording'}"
 
 
-def _strikes(estimate: Estimate) -> list[_Strike]:
+def _strikes(evidence: Evidence, com: CentreOfMass) -> list[_Strike]:
     """Strikes of an estimate with their bodies, in recording order."""
-    evidence, com = estimate.evidence, estimate.com_struck
     motions = {motion.strike_id: motion for motion in evidence.motions}
     found: list[_Strike] = []
     for i, plane in enumerate(com.planes):
@@ -219,12 +222,12 @@ def _held(strike: _Strike) -> HeldRatio | None:
     return held_ratio(strike.fit, strike.body, last - LASTING_S)
 
 
-def _landing(estimate: Estimate, strike: _Strike) -> LandingRestitution | None:
+def _landing(model: ObjectModel, strike: _Strike) -> LandingRestitution | None:
     """Restitution at the landing of a strike; None if none is seen."""
     path, phase = strike.motion.edge_path, strike.phases.landing
     if path is None or phase is None or phase[0] < 1:
         return None
-    body = _landing_body(estimate, strike)
+    body = _landing_body(model, strike)
     if body is None:
         return None
     found = landing(strike.angle, path, body, phase[0] - 1, strike.body.gravity)
@@ -241,9 +244,9 @@ def _landing(estimate: Estimate, strike: _Strike) -> LandingRestitution | None:
     )
 
 
-def _landing_body(estimate: Estimate, strike: _Strike) -> LandingBody | None:
+def _landing_body(model: ObjectModel, strike: _Strike) -> LandingBody | None:
     """Lines of the body that land: the end of the next face, or of the resting face if it rocked back."""
-    model, planned, body = estimate.evidence.model, strike.planned, strike.body
+    planned, body = strike.planned, strike.body
     com = body.R * np.array([-math.sin(body.phi), math.cos(body.phi)])
     if strike.phases.stage_two is None:
         at_rest = (model.hull_vertices - np.array(planned.pivot.point)) @ np.array(planned.R_world_object).T

@@ -24,7 +24,7 @@ from rich.table import Table as RichTable
 from scipy.spatial.transform import Rotation
 
 from analyze.errors import AnalyzeError
-from analyze.pipeline.contact_properties import contact_properties
+from analyze.pipeline.contact_properties import with_contact_properties
 from analyze.pipeline.estimate import estimate_evidence
 from analyze.pipeline.sections import strike_supports
 from tests.benchmarks.contact_session import ContactSession, StruckStrike, Table, contact_session
@@ -59,7 +59,7 @@ def run(name: str, seed: int, table: Table, rate: float) -> Row:
     if made is None:
         return Row(**{**asdict(empty), "refusal": "no plan"})
     try:
-        found = contact_properties(estimate_evidence(made.evidence))
+        found = with_contact_properties(estimate_evidence(made.evidence)).contact
     except AnalyzeError as error:
         return Row(**{**asdict(empty), "refusal": str(error)})
     friction, restitution = found.friction, found.restitution
