@@ -15,8 +15,8 @@ class StrikeFrictionResult(Document):
     """id of the strike"""
     slid_m: float = Field(description="range of the edge's sliding in the frames used [m]")
     held_ratio: float | None = Field(
-        description="largest ratio of horizontal to vertical force at the edge that lasted while it held; null"
-        " where it slid, or where too few frames show it"
+        description="largest ratio of horizontal to vertical force at the edge that lasted while it held;"
+        " null where it slid, or where too few frames show it"
     )
 
 
@@ -28,7 +28,8 @@ class FrictionResult(Document):
     )
     at_least: float = Field(description="lower bound of the coefficient that holds with 95 %")
     scatter: float | None = Field(
-        description="relative scatter from strike to strike beyond the errors; null with fewer than two values"
+        description="relative scatter from strike to strike beyond the errors; null with fewer than two"
+        " values"
     )
     strikes: list[StrikeFrictionResult]
     """what each strike shows"""
@@ -40,8 +41,8 @@ class LandingResult(Document):
     strike_id: str
     """id of the strike"""
     restitution: Quantity = Field(
-        description="speed of the line that lands, after over before; not observed where the frames resolve no"
-        " rebound: then its interval runs from 0 to the largest that they could miss"
+        description="speed of the line that lands, after over before; not observed where the frames resolve"
+        " no rebound: then its interval runs from 0 to the largest that they could miss"
     )
     speed_m_s: float = Field(description="speed of that line as it meets the table [m/s]")
     angular_speed_before_rad_s: float = Field(description="angular speed before the landing [rad/s]")
@@ -62,7 +63,7 @@ class RestitutionResult(Document):
 
 
 class ContactPropertiesResult(Document):
-    """Friction, restitution and rolling resistance of the object on one table; they hold for this pair only."""
+    """Friction, restitution and rolling resistance of the object on one table; they hold for this pair."""
 
     object: str
     """name of the object"""

@@ -1,9 +1,9 @@
 """Friction, restitution and rolling loss of one object on one table, from all strikes together.
 
-Friction: every strike gives a likelihood of the coefficient mu, closed where its edge slid, open upwards where
-it held. They are multiplied, each first blurred by the scatter of mu from strike to strike, which is itself
-unknown (a random-effects meta-analysis; Higgins, Thompson and Spiegelhalter 2009). Restitution: the mean over
-landings and their scatter beyond the errors (DerSimonian and Laird 1986).
+Friction: every strike gives a likelihood of the coefficient mu, closed where its edge slid, open upwards
+where it held. They are multiplied, each first blurred by the scatter of mu from strike to strike, which is
+itself unknown (a random-effects meta-analysis; Higgins, Thompson and Spiegelhalter 2009). Restitution: the
+mean over landings and their scatter beyond the errors (DerSimonian and Laird 1986).
 """
 
 # scipy is only partly typed.
@@ -190,7 +190,10 @@ def _with_shared_error(ln_mu: Array, total: Array, tilt_sd: float) -> Array:
     mu = np.exp(ln_mu)
     shift = np.hypot(tilt_sd * (1 + mu**2) / mu, _SHARED_SD)
     nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES)
-    parts = [np.interp(ln_mu - shift * node, ln_mu, total) + math.log(weight) for node, weight in zip(nodes, weights, strict=True)]
+    parts = [
+        np.interp(ln_mu - shift * node, ln_mu, total) + math.log(weight)
+        for node, weight in zip(nodes, weights, strict=True)
+    ]
     return np.asarray(logsumexp(np.array(parts), axis=0))
 
 

@@ -151,7 +151,7 @@ def contact_notes(body: ExportBody, result: Result) -> list[str]:
         notes.append(f"friction {body.friction:.3g} is measured for {pair} only")
     elif contact.friction is not None and "friction_bound" in body.provenance:
         notes.append(
-            f"friction of {pair} is at least {contact.friction.at_least:.2f}: a bound, which the file states as such"
+            f"friction of {pair} is at least {contact.friction.at_least:.2f}: a bound, stated as such"
         )
     if body.restitution is not None:
         notes.append(

@@ -9,6 +9,10 @@ A rolling resistance of arm a (the load acts that far ahead of the contact) shif
 one way while the body rises and the other way while it falls back. Only a body that turned back shows it.
 """
 
+# scipy and numpy are only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+# pyright: reportUnknownMemberType=false
+
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
@@ -89,16 +93,24 @@ def held_ratio(fit: MotionFit, body: PivotBody, last_s: float) -> HeldRatio | No
     )
     by_r = (of(replace(body, R=body.R * 1.0001)) - base) / (1e-4 * body.R)
     by_tilt = (of(replace(body, tilt=body.tilt + 1e-4)) - base) / 1e-4
-    variance = float(by @ body.covariance @ by) / 1e-8 + (by_r * body.R_sd) ** 2 + (by_tilt * body.tilt_sd) ** 2
+    variance = (
+        float(by @ body.covariance @ by) / 1e-8 + (by_r * body.R_sd) ** 2 + (by_tilt * body.tilt_sd) ** 2
+    )
     return HeldRatio(base, float(np.sqrt(variance + (_MODEL_SD * base) ** 2)), float(theta[at + width // 2]))
 
 
 def _ratios(time: Array, fit: MotionFit, body: PivotBody) -> tuple[Array, Array]:
-    """|T|/N (n,) and tipping angle (n,) [rad] of an edge that sticks, at times (n,) [s] since a fit's start."""
+    """|T|/N (n,) and angle (n,) [rad] of an edge that sticks, at times (n,) [s] since a fit's start."""
     theta, omega, _ = trajectory(time, body.phi, body.k, fit.theta0, fit.omega0, body.radius)
     one = np.ones(1)
     bodies = SlidingBodies(
-        one, (body.phi - body.tilt) * one, body.k * one, body.R * one, body.tilt * one, body.radius, body.gravity
+        one,
+        (body.phi - body.tilt) * one,
+        body.k * one,
+        body.R * one,
+        body.tilt * one,
+        body.radius,
+        body.gravity,
     )
     _, pull, load = held_forces(bodies, theta, omega)
     return np.where(load > 0.05 * body.gravity, np.abs(pull) / np.maximum(load, 1e-6), 0.0), theta
@@ -137,7 +149,7 @@ def rolling_loss(fit: MotionFit, angle: TipAngle, R: float) -> RollingLoss | Non
     if theta[top] - max(float(theta[0]), float(theta[-1])) < _LEAST_TURN or not 4 <= top <= len(theta) - 5:
         return None
     time = np.maximum((angle.time_ns[used] - fit.time0_ns) * 1e-9, 0.0)
-    model, omega, by = trajectory(time, fit.phi, fit.k, fit.theta0, fit.omega0)
+    _, _, by = trajectory(time, fit.phi, fit.k, fit.theta0, fit.omega0)
     fine = np.linspace(0.0, float(time[-1]), 800)
     path, speed, _ = trajectory(fine, fit.phi, fit.k, fit.theta0, fit.omega0)
     response, rate, column, h = 0.0, 0.0, np.zeros(len(fine)), float(fine[1])

@@ -8,6 +8,10 @@ restitution is the ratio of its slopes there (Newton). It belongs to this line o
 body that lands on one end of a face turns about it, also where nothing rebounds.
 """
 
+# scipy and numpy are only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+# pyright: reportUnknownMemberType=false
+
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
@@ -153,7 +157,11 @@ def _fitted(frames: _Frames, origin_ns: int) -> Landing | None:
     """Landing from the frames about it; None if they do not show it."""
     time, step = frames.time, float(np.median(np.diff(frames.time)))
     before = _before(frames)
-    if before is None or before + _MIN_AFTER > len(time) or np.any(np.diff(time[: before + 3]) > _MAX_GAP * step):
+    if (
+        before is None
+        or before + _MIN_AFTER > len(time)
+        or np.any(np.diff(time[: before + 3]) > _MAX_GAP * step)
+    ):
         return None
     fall = np.polynomial.polynomial.polyfit(
         time[:before], frames.height[:before], 2, w=1 / frames.sd[:before]
@@ -169,7 +177,7 @@ def _fitted(frames: _Frames, origin_ns: int) -> Landing | None:
         count += 1
     if found is None or -found[0][2] < _MIN_SPEED:
         return None
-    return _landing_of(found, frames, before, step, origin_ns)
+    return _landing_of(found, frames, before, origin_ns)
 
 
 def _before(frames: _Frames) -> int | None:
@@ -219,9 +227,7 @@ def _kinked(frames: _Frames, before: int, fall: Array) -> tuple[Array, Array]:
     return np.asarray(found.x), np.asarray(covariance)
 
 
-def _landing_of(
-    found: tuple[Array, Array], frames: _Frames, before: int, step: float, origin_ns: int
-) -> Landing | None:
+def _landing_of(found: tuple[Array, Array], frames: _Frames, before: int, origin_ns: int) -> Landing | None:
     (x, covariance), time, theta = found, frames.time, frames.theta
     ratio = -float(x[3] / x[2])
     by = np.array([0.0, 0.0, x[3] / x[2] ** 2, -1 / x[2], 0.0, 0.0])

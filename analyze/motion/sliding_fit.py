@@ -11,6 +11,10 @@ The followed point lies beside the true edge by an unknown offset, and the conta
 of a millimetre (edge_offset.py); both are in the errors.
 """
 
+# scipy and numpy are only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+# pyright: reportUnknownMemberType=false
+
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
@@ -161,8 +165,8 @@ def _frames(angle: TipAngle, path: EdgePath, kept: Array) -> _Window:
     by_edge = np.zeros((n, 3, 3))
     by_edge[:, 1:] = displacement_per_error(theta)
     seen = np.stack([theta, path.slip[kept], path.lift[kept]], axis=1)
-    whiten = np.linalg.inv(np.linalg.cholesky(noise))
-    return _Window(np.asarray(time), seen, whiten, by_edge)
+    whiten = np.asarray(np.linalg.inv(np.linalg.cholesky(noise)), dtype=np.float64)
+    return _Window(np.asarray(time, dtype=np.float64), seen, whiten, by_edge)
 
 
 def _profile(
@@ -223,7 +227,7 @@ def _prior(frames: _Window, body: PivotBody, place_sd: float | None, moving: boo
     covariance[8, 8] = covariance[9, 9] = place**2
     covariance[10, 10] = body.radius_sd**2
     covariance += np.diag(np.full(11, 1e-18))
-    return start, np.linalg.inv(covariance)
+    return start, np.asarray(np.linalg.inv(covariance), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -284,10 +288,8 @@ def _minimised(
     return best
 
 
-def _expected(
-    frames: _Window, body: PivotBody, mu: Array, x: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Expected theta, slip and lift (m, n, 3), their derivatives (m, n, 3, 11), true sliding and load (m, n)."""
+def _expected(frames: _Window, body: PivotBody, mu: Array, x: Array) -> tuple[Array, Array, Array, Array]:
+    """Expected theta, slip, lift (m, n, 3), derivatives (m, n, 3, 11), true sliding and load (m, n)."""
     m, n = len(mu), len(frames.time)
     offsets = np.concatenate([np.zeros((1, _DYNAMIC)), np.diag(_STEPS)])
     cases = np.repeat(x[:, None], _DYNAMIC + 1, axis=1)

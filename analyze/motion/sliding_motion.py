@@ -54,7 +54,7 @@ class SlidingBodies:
     """magnitude of gravity [m/s^2]"""
 
     @property
-    def J(self) -> Array:
+    def inertia(self) -> Array:
         """Moment of inertia (c,) about the axis through the centre of mass, per mass [m^2]."""
         least = _MIN_INERTIA_SHARE * self.R**2
         return np.maximum(self.gravity * self.R / self.k - (self.R + self.radius) ** 2, least)
@@ -103,7 +103,7 @@ class _Law:
 
     def __init__(self, bodies: SlidingBodies) -> None:
         self._bodies = bodies
-        self.rho, self.J = bodies.radius, bodies.J
+        self.rho, self.inertia = bodies.radius, bodies.inertia
         self._along, self._down = bodies.gravity * np.sin(bodies.tilt), bodies.gravity * np.cos(bodies.tilt)
 
     def arms(self, theta: Array) -> tuple[Array, Array]:
@@ -119,7 +119,7 @@ class _Law:
     def held(self, side: Array, up: Array, pull: Array, load: Array) -> Array:
         """Angular acceleration (c,) [rad/s^2] of an edge that sticks."""
         arm = up + self.rho
-        return -(arm * pull + side * load) / (self.J + arm * arm + side * side)
+        return -(arm * pull + side * load) / (self.inertia + arm * arm + side * side)
 
     def accelerations(self, theta: Array, omega: Array, mode: Array) -> tuple[Array, Array, Array]:
         """Angular acceleration [rad/s^2], acceleration of the sliding and N [m/s^2], each (c,).
@@ -137,8 +137,7 @@ class _Law:
         # T = rub N, and N follows from the moment about c.
         rub = -self._bodies.mu * mode
         arm = side + rub * (up + self.rho)
-        inertia = self.J + arm * side
-        alpha = -arm * load / inertia
+        alpha = -arm * load / (self.inertia + arm * side)
         if not mode.all():
             alpha = np.where(mode == 0, self.held(side, up, pull, load), alpha)
         normal = load + side * alpha

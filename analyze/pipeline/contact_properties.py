@@ -119,7 +119,9 @@ def table_name(evidence: Evidence) -> str:
         if isinstance(stated, str):
             names.add(stated)
     several = len(evidence.recordings) > 1
-    return " and ".join(sorted(names)) or f"the table of {'these recordings' if several else 'this recording'}"
+    return (
+        " and ".join(sorted(names)) or f"the table of {'these recordings' if several else 'this recording'}"
+    )
 
 
 def _strikes(evidence: Evidence, com: CentreOfMass) -> list[_Strike]:
@@ -214,7 +216,7 @@ def _likelihood(strike: _Strike, window: tuple[int, int], *, moving: bool) -> Fr
 
 
 def _held(strike: _Strike) -> HeldRatio | None:
-    """Friction that the edge needed while it held on its way up; None if it slid, or too few frames show it."""
+    """Friction that the edge needed while it held on its way up; None if it slid, or in too few frames."""
     window, path = _rise(strike), strike.motion.edge_path
     if path is None or window[1] - window[0] < 6 or slide_range(strike.angle, path, window) > _HELD_RANGE:
         return None

@@ -76,8 +76,9 @@ def render_predictions(document: PredictionsResult, console: Terminal | None = N
     console.print(
         styled(
             (document.object, "bold"),
-            f", {counted(len(document.strikes), 'strike')}, each simulated without knowing it: the tipping angle is"
-            f" off by {_degrees(own)}° (median of the rms), with a uniform density by {_degrees(uniform)}°.",
+            f", {counted(len(document.strikes), 'strike')}, each simulated without knowing it: the tipping"
+            f" angle is off by {_degrees(own)}° (median of the rms), with a uniform density by"
+            f" {_degrees(uniform)}°.",
         )
     )
     table = Table(

@@ -1,9 +1,9 @@
 """Strikes left out one by one: the exported body of the other strikes, simulated and compared with the video.
 
-A strike's simulation starts just after its impact: tipping angle and rate are fitted to the first tenth of a
-second of free motion, with the balance angle and rate constant of the body that is simulated (each asset gets
-the start that suits it best). From there MuJoCo runs alone. Compared is the tipping angle of every later frame
-up to the landing.
+A strike's simulation starts just after its impact: tipping angle and rate are fitted to the first tenth of
+a second of free motion, with the balance angle and rate constant of the body that is simulated (each asset
+gets the start that suits it best). From there MuJoCo runs alone. Compared is the tipping angle of every later
+frame up to the landing.
 """
 
 from __future__ import annotations
@@ -200,8 +200,8 @@ def predict_strike(evidence: Evidence, options: EstimateOptions, motion: TipMoti
     solved = solve_strikes(evidence, without)
     if not solved.struck.com.observed:
         raise EstimationError(
-            "without it the other strikes leave the centre of mass open: strike over more edges, or give further"
-            " recordings of the object"
+            "without it the other strikes leave the centre of mass open: strike over more edges, or give"
+            " further recordings of the object"
         )
     planned = evidence.planned(motion)
     around, bound = _surroundings(solved, evidence, planned, motion)
@@ -211,9 +211,7 @@ def predict_strike(evidence: Evidence, options: EstimateOptions, motion: TipMoti
         body = ExportBody(evidence.spec.name, evidence.model, asset.inertial, {})
         start = fitted_start(time[:count], measured[:count], phi, k)
         simulated[asset.name] = simulated_angle(body, evidence.model, planned, start, around, time)
-    return PredictedStrike(
-        motion.strike_id, time, measured, simulated, count, around.contact.friction, bound
-    )
+    return PredictedStrike(motion.strike_id, time, measured, simulated, count, around.contact.friction, bound)
 
 
 def _frames(motion: TipMotion) -> tuple[Array, Array, int]:
@@ -231,7 +229,9 @@ def _frames(motion: TipMotion) -> tuple[Array, Array, int]:
     count = max(int(np.searchsorted(time, START_DURATION_S)), MIN_START_FRAMES)
     count = min(count, int(MAX_START_SHARE * len(time)))
     if count < 3 or len(time) - count < _MIN_FRAMES:
-        raise EstimationError("too few frames of free motion: film at a higher rate, or choose another strike")
+        raise EstimationError(
+            "too few frames of free motion: film at a higher rate, or choose another strike"
+        )
     return np.asarray(time, dtype=np.float64), motion.angle.theta[used], count
 
 

@@ -33,6 +33,8 @@ STEP_S = 2e-4
 """time step [s]"""
 _NEAR_M = 4e-3
 """height [m] over the lowest point up to which a corner may touch during a tip"""
+_LEAST_RADIUS_M = 1e-4
+"""least radius [m] of a corner that touches the table"""
 _SAME_POINT_M = 1e-5
 """distance [m] up to which two corners are one"""
 _TURNS = np.radians(np.arange(-5.0, 135.0, 2.0))
@@ -94,7 +96,7 @@ def simulated_angle(
     spin = np.array([0.0, start.omega, 0.0])
     data.qpos[:3] = origin
     data.qpos[3:7] = Rotation.from_matrix(turn).as_quat(scalar_first=True)
-    data.qvel[:3] = [radius * start.omega, 0.0, 0.0] + np.cross(spin, origin - edge)
+    data.qvel[:3] = np.array([radius * start.omega, 0.0, 0.0]) + np.cross(spin, origin - edge)
     data.qvel[3:6] = turn.T @ spin
     found = np.empty(len(time))
     for i, now in enumerate(time):
@@ -133,14 +135,12 @@ def scene_text(
     for geom in own.findall("geom"):
         geom.set("contype", "0")
         geom.set("conaffinity", "0")
+    own_part = {"mass": "0", "contype": "0", "conaffinity": "1", "group": "3", **contact}
+    size = numbers([max(planned.pivot.radius_m, _LEAST_RADIUS_M)])
     for place in touching_centres(model, planned):
-        ET.SubElement(
-            own, "geom", type="sphere", size=numbers([max(planned.pivot.radius_m, 1e-4)]), pos=numbers(place),
-            mass="0", contype="0", conaffinity="1", group="3", **contact,
-        )  # fmt: skip
-    ET.SubElement(
-        world, "geom", name="table", type="plane", size="2 2 0.1", contype="1", conaffinity="0", **contact
-    )
+        ET.SubElement(own, "geom", {"type": "sphere", "size": size, "pos": numbers(place), **own_part})
+    table = {"name": "table", "type": "plane", "size": "2 2 0.1", "contype": "1", "conaffinity": "0"}
+    ET.SubElement(world, "geom", {**table, **contact})
     return ET.tostring(root, encoding="unicode"), {} if mesh is None else {mesh.name: mesh.data}
 
 
@@ -157,7 +157,7 @@ def touching_centres(model: ObjectModel, planned: PlannedStrike) -> Array:
     normals, offsets = model.hull_planes[:, :3], model.hull_planes[:, 3]
     corners = np.unique(np.round(model.hull_vertices / _SAME_POINT_M), axis=0) * _SAME_POINT_M
     gap = np.abs(corners @ normals.T + offsets) < 2 * _SAME_POINT_M
-    radius, centres = max(planned.pivot.radius_m, 1e-4), np.empty_like(corners)
+    radius, centres = max(planned.pivot.radius_m, _LEAST_RADIUS_M), np.empty_like(corners)
     for i, corner in enumerate(corners):
         faces = np.unique(np.round(normals[gap[i]], 4), axis=0)
         centres[i] = corner + np.linalg.lstsq(faces, np.full(len(faces), -radius), rcond=1e-3)[0]

@@ -24,8 +24,8 @@ from analyze.report.sensitivity_plot import influence_figure, largest_source_tex
 from analyze.report.summary import DEGREES, filling_rows, robustness_rows
 from analyze.report.truth import ShownTruth, shown_truth
 from analyze.report.voxel_map import voxel_figures, voxel_map_text
+from analyze.result.contact import contact_lines, contact_rows
 from analyze.result.digits import decimals, number, signed
-from analyze.result.contact import contact_lines
 from analyze.result.fixture import fixture_lines
 from analyze.result.frame_times import frame_time_lines
 from analyze.result.headline import com_entries, edge_labels, further_warnings, headline
@@ -134,6 +134,7 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
             warnings=further_warnings(result),
             fixture=fixture_lines(result),
             contact=contact_lines(result),
+            contact_rows=contact_rows(result),
             missed=[each for each in estimate.predictions if not each.consistent],
             filling=[] if result.filling is None else filling_rows(result.filling),
             robustness=robustness_rows(result.robustness or []),

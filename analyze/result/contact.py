@@ -102,13 +102,14 @@ def contact_lines(result: Result) -> list[str]:
         slid = sum(each.slid_m > _SLID_M for each in friction.strikes)
         if friction.coefficient.observed:
             lines.append(
-                f"Friction of {contact.object} on {contact.table}: {with_interval(friction.coefficient, 1.0)}, 95 %"
+                f"Friction of {contact.object} on {contact.table}:"
+                f" {with_interval(friction.coefficient, 1.0)}, 95 %"
                 f" ({slid} of {counted(len(friction.strikes), 'strike')} slid by more than 0.5 mm)."
             )
         else:
             lines.append(
-                f"Friction of {contact.object} on {contact.table}: at least {number(friction.at_least, 2)}, 95 %;"
-                " no edge slid enough for a value."
+                f"Friction of {contact.object} on {contact.table}:"
+                f" at least {number(friction.at_least, 2)}, 95 %; no edge slid enough for a value."
             )
     if (restitution := contact.restitution) is not None:
         scatter = (
@@ -125,3 +126,30 @@ def contact_lines(result: Result) -> list[str]:
         shown = open_interval(contact.rolling_arm, 1e3)
         lines.append(f"Rolling resistance: the load acts {shown} mm ahead of the contact, 95 %.")
     return lines
+
+
+def contact_rows(result: Result) -> list[tuple[str, str, str, str]]:
+    """Rows on each strike's contact: id, sliding [mm], friction needed while the edge held, restitution."""
+    contact = result.contact_properties
+    if contact is None:
+        return []
+    friction = {each.strike_id: each for each in contact.friction.strikes} if contact.friction else {}
+    landings = {each.strike_id: each for each in contact.restitution.landings} if contact.restitution else {}
+    rows: list[tuple[str, str, str, str]] = []
+    for strike_id in dict.fromkeys([*friction, *landings]):
+        slide, landing = friction.get(strike_id), landings.get(strike_id)
+        rows.append(
+            (
+                strike_id,
+                "–" if slide is None else number(1e3 * slide.slid_m, 2),
+                "–" if slide is None or slide.held_ratio is None else number(slide.held_ratio, 2),
+                "–" if landing is None else _landing_text(landing.restitution),
+            )
+        )
+    return rows
+
+
+def _landing_text(restitution: Quantity) -> str:
+    if restitution.observed:
+        return with_interval(restitution, 1.0)
+    return f"below {number(restitution.interval_ends()[1], 3)}"

@@ -1,10 +1,10 @@
 """Friction and restitution against truth on tables of several kinds: `make bench-contact`.
 
-Sessions of virtual objects in the virtual rig's physics (contact_session.py). Printed per table: sessions with
-a value of friction, its error, how often the 95 % interval holds the truth, and how often a bound holds; for
-landings the error of the restitution against that of the true poses. Then `analyze predict`'s question: every
-strike that tipped over is left out, and simulated in MuJoCo with the exported body as the other strikes
-estimate it, with a uniform density, and as a shell.
+Sessions of virtual objects in the virtual rig's physics (contact_session.py). Printed per table: sessions
+with a value of friction, its error, how often the 95 % interval holds the truth, and how often a bound holds;
+for landings the error of the restitution against that of the true poses. Then `analyze predict`'s question:
+some strikes are left out, and simulated in MuJoCo with the exported body as the other strikes estimate it,
+with a uniform density, and as a shell.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -27,11 +27,16 @@ from analyze.errors import AnalyzeError
 from analyze.pipeline.contact_properties import with_contact_properties
 from analyze.pipeline.estimate import estimate_evidence
 from analyze.pipeline.sections import strike_supports
+from analyze.pipeline.solved import EstimateOptions
+from analyze.predict.predict import ASSETS, predict_left_out
+from schemas.strike_result import Verdict
 from tests.benchmarks.contact_session import ContactSession, StruckStrike, Table, contact_session
 
 OBJECTS = ("carton", "juice", "spray", "parcel", "salt")
 FRICTIONS = (0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
 RESTITUTIONS = (0.0, 0.3, 0.5)
+PREDICTED = 2
+"""strikes of a session that are left out and predicted"""
 
 
 @dataclass(frozen=True)
@@ -49,20 +54,23 @@ class Row:
     """strikes whose edge slid by more than 0.5 mm"""
     landings: tuple[tuple[float, float, float, float], ...]
     """value, sd, upper limit (nan where the rebound is resolved), truth"""
+    predicted: tuple[tuple[float, float, float], ...] = ()
+    """rms error [rad] of the tipping angle with the estimated, the uniform and the shell body, by strike"""
     refusal: str = ""
 
 
-def run(name: str, seed: int, table: Table, rate: float) -> Row:
-    """Simulate and estimate one session."""
+def run(name: str, seed: int, table: Table, rate: float, strikes: int) -> Row:
+    """Simulate and estimate one session, and predict some of its strikes."""
     empty = Row(name, seed, table.friction, None, None, None, None, 0, ())
-    made = contact_session(name, seed, table, rate or None)
+    made = contact_session(name, seed, table, rate or None, strikes)
     if made is None:
         return Row(**{**asdict(empty), "refusal": "no plan"})
     try:
         found = with_contact_properties(estimate_evidence(made.evidence)).contact
     except AnalyzeError as error:
         return Row(**{**asdict(empty), "refusal": str(error)})
-    friction, restitution = found.friction, found.restitution
+    friction = found.friction if found else None
+    restitution = found.restitution if found else None
     truths = {each.motion.strike_id: each for each in made.strikes}
     landings = []
     for each in restitution.landings if restitution else ():
@@ -74,8 +82,21 @@ def run(name: str, seed: int, table: Table, rate: float) -> Row:
         name, seed, table.friction,
         friction.value if friction else None, low, high, friction.bound if friction else None,
         sum(each.slid > 5e-4 for each in friction.strikes) if friction else 0,
-        tuple(landings),
+        tuple(landings), predicted_errors(made, seed),
     )  # fmt: skip
+
+
+def predicted_errors(made: ContactSession, seed: int) -> tuple[tuple[float, float, float], ...]:
+    """Rms errors [rad] of some strikes that the estimate left out, by body."""
+    over = [each.motion.strike_id for each in made.strikes if each.motion.verdict is Verdict.GOOD]
+    rng = np.random.default_rng([seed, 0x9E])
+    wanted = tuple(rng.permutation(over)[:PREDICTED].tolist())
+    try:
+        found = predict_left_out(made.evidence, EstimateOptions(), wanted) if wanted else None
+    except AnalyzeError:
+        return ()
+    strikes = found.strikes if found else ()
+    return tuple((*(each.error(name).rms for name in ASSETS),) for each in strikes)
 
 
 def true_restitution(made: ContactSession, strike: StruckStrike) -> float | None:
@@ -115,11 +136,18 @@ def sessions(
 @click.option("--objects", default=",".join(OBJECTS), show_default=True)
 @click.option("--frictions", default=",".join(map(str, FRICTIONS)), show_default=True)
 @click.option("--seeds", default=3, show_default=True)
+@click.option("--strikes", default=6, show_default=True, help="Planned strikes of a session.")
 @click.option("--rate", default=120.0, show_default=True, help="Frames per second; 0 to draw 120 or 240.")
 @click.option("--workers", default=2, show_default=True)
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write the rows.")
 def main(
-    objects: str, frictions: str, seeds: int, rate: float, workers: int, json_path: Path | None
+    objects: str,
+    frictions: str,
+    seeds: int,
+    strikes: int,
+    rate: float,
+    workers: int,
+    json_path: Path | None,
 ) -> None:
     """Run the sessions and print the tables."""
     console = Console(width=150)
@@ -128,14 +156,17 @@ def main(
     )
     rows: list[Row] = []
     with ProcessPoolExecutor(workers) as pool:
-        futures = [pool.submit(run, *each, rate) for each in wanted]
-        for future in track(futures, console=Console(stderr=True), transient=True):
+        futures = [pool.submit(run, *each, rate, strikes) for each in wanted]
+        for future in track(
+            as_completed(futures), total=len(futures), console=Console(stderr=True), transient=True
+        ):
             rows.append(future.result())
             if json_path is not None:
                 with json_path.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(asdict(rows[-1])) + "\n")
     console.print(friction_table(rows))
     console.print(restitution_table(rows))
+    console.print(prediction_table(rows))
 
 
 def friction_table(rows: list[Row]) -> RichTable:
@@ -149,7 +180,9 @@ def friction_table(rows: list[Row]) -> RichTable:
     for friction in (*sorted({row.friction for row in rows}), None):
         some = [row for row in rows if friction is None or row.friction == friction]
         answered = [row for row in some if row.bound is not None]
-        valued = [row for row in answered if row.value is not None and row.low is not None and row.high is not None]
+        valued = [
+            row for row in answered if row.value is not None and row.low is not None and row.high is not None
+        ]
         error = np.array([abs((row.value or 0) - row.friction) for row in valued])
         inside = [(row.low or 0) <= row.friction <= (row.high or 0) for row in valued]
         width = [((row.high or 0) - (row.low or 0)) / 2 for row in valued]
@@ -180,6 +213,33 @@ def restitution_table(rows: list[Row]) -> RichTable:
             *((f"{np.median(np.abs(error)):.4f}", f"{np.sqrt(np.mean(error**2)):.4f}",
                f"{100 * np.mean(np.abs(error) < 1.96 * seen[:, 1]):.0f} %") if len(seen) else ("", "", "")),
             f"{sum(limits)} of {len(limits)}",
+        )  # fmt: skip
+    return table
+
+
+def prediction_table(rows: list[Row]) -> RichTable:
+    """Errors of predicted strikes by body."""
+    table = RichTable(
+        title="left-out strikes simulated: rms error of the tipping angle", title_justify="left"
+    )
+    for heading in (
+        "object",
+        "strikes",
+        "estimated",
+        "uniform",
+        "shell",
+        "uniform / estimated",
+        "estimated better",
+    ):
+        table.add_column(heading, justify="right")
+    for name in (*sorted({row.object for row in rows}), None):
+        errors = np.array([e for row in rows if name is None or row.object == name for e in row.predicted])
+        if not len(errors):
+            continue
+        medians = np.median(errors, axis=0)
+        table.add_row(
+            name or "all", str(len(errors)), *(f"{math.degrees(each):.2f}°" for each in medians),
+            f"{medians[1] / medians[0]:.1f}", f"{100 * np.mean(errors[:, 0] < errors[:, 1]):.0f} %",
         )  # fmt: skip
     return table
 
