@@ -11,16 +11,11 @@ damping ratio z gives back (Schwager and Poeschel 2007, eq. 21)
     e = exp(-z / q ln((z + q) / (z - q))),    q = sqrt(z^2 - 1)                   z > 1
 """
 
-# scipy is only partly typed.
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
-
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
-
-from scipy.optimize import brentq
 
 from analyze.result.urdf_inertial import numbers
 
@@ -36,6 +31,8 @@ LONGEST_STEP_S = 2.5e-4
 """time step up to which that contact keeps its restitution"""
 LEAST_RESTITUTION, MOST_RESTITUTION = 0.01, 0.95
 """range in which a restitution is exported"""
+_HALVINGS = 60
+"""halvings of the range of damping ratios"""
 BOUNCE_SPEED = 0.05
 """speed [m/s] below which Gazebo takes no restitution, so that bodies come to rest"""
 
@@ -94,7 +91,11 @@ def damping_ratio(restitution: float) -> float:
         restitution: coefficient, taken into `LEAST_RESTITUTION` to `MOST_RESTITUTION`.
     """
     wanted = min(max(restitution, LEAST_RESTITUTION), MOST_RESTITUTION)
-    return float(brentq(lambda z: restitution_of(z) - wanted, 1e-3, 20.0))
+    low, high = 1e-3, 20.0
+    for _ in range(_HALVINGS):
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if restitution_of(middle) > wanted else (low, middle)
+    return math.sqrt(low * high)
 
 
 def export_contact(result: Result, stated: float | None) -> ExportContact:

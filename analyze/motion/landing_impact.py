@@ -168,7 +168,7 @@ def _fitted(frames: _Frames, origin_ns: int) -> Landing | None:
     )
     count, found = before + 2, None
     while count <= len(time):
-        trial = _kinked(frames.until(count), before, fall)
+        trial = _kinked(frames.until(count), before, np.asarray(fall, dtype=np.float64))
         flight = time[count - 1] - trial[0][0] <= _SAME_FLIGHT * trial[0][3] / max(-trial[0][5], 1e-3)
         if found is None or flight:
             found = trial

@@ -28,7 +28,9 @@ from analyze.motion.edge_offset import creep_covariance, displacement_per_error
 from analyze.motion.sliding_motion import SlidingBodies, sliding_path
 
 if TYPE_CHECKING:
-    from analyze.types import Array, EdgePath, TipAngle
+    from numpy.typing import NDArray
+
+    from analyze.types import Array, EdgePath, IntArray, TipAngle
 
 MU_GRID = np.geomspace(0.06, 1.8, 19)
 """(19,) coefficients of friction tried first"""
@@ -136,7 +138,7 @@ def friction_likelihood(
     Raises:
         EstimationError: the window has too few frames, or no motion fits it.
     """
-    kept = np.arange(*window)
+    kept: IntArray = np.arange(*window, dtype=np.int64)
     result: FrictionLikelihood | None = None
     for _ in range(3):
         if len(kept) < MIN_FRAMES:
@@ -151,7 +153,7 @@ def friction_likelihood(
     return result
 
 
-def _frames(angle: TipAngle, path: EdgePath, kept: Array) -> _Window:
+def _frames(angle: TipAngle, path: EdgePath, kept: IntArray) -> _Window:
     time = (angle.time_ns[kept] - angle.time_ns[kept[0]]) * 1e-9
     theta = angle.theta[kept]
     n = len(kept)
@@ -171,7 +173,7 @@ def _frames(angle: TipAngle, path: EdgePath, kept: Array) -> _Window:
 
 def _profile(
     frames: _Window, body: PivotBody, place_sd: float | None, moving: bool
-) -> tuple[FrictionLikelihood, Array]:
+) -> tuple[FrictionLikelihood, NDArray[np.bool_]]:
     """Chi^2 over the coefficients of friction, and the mask (n,) of frames that no motion explains."""
     prior = _prior(frames, body, place_sd, moving)
     start = np.repeat(prior[0][None], len(MU_GRID), axis=0)
