@@ -396,6 +396,4 @@ def _energy_ratio(fit: MotionFit) -> float:
 
 def _without_motion(task: StrikeTask, judgement: Judgement) -> TipMotion:
     """TipMotion (result) of a strike without measured motion: ids, verdict and its reason, nothing else."""
-    return TipMotion(
-        task.strike_id, task.planned.id, judgement.code, judgement.reason, None, None, None, (), None
-    )
+    return TipMotion(task.strike_id, task.planned.id, judgement.code, judgement.reason)

@@ -35,6 +35,8 @@ from tests.benchmarks.contact_session import ContactSession, StruckStrike, Table
 OBJECTS = ("carton", "juice", "spray", "parcel", "salt")
 FRICTIONS = (0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
 RESTITUTIONS = (0.0, 0.3, 0.5)
+TRUE_AFTER = 25
+"""milliseconds after a landing from which the true speed is taken, three frames: the other edge trembles"""
 PREDICTED = 2
 """strikes of a session that are left out and predicted"""
 
@@ -112,12 +114,13 @@ def true_restitution(made: ContactSession, strike: StruckStrike) -> float | None
     path = Rotation.from_quat(strike.truth.quaternion).apply(far) + strike.truth.position
     height, time = path[:, 2] - strike.planned.pivot.radius_m, strike.truth.time
     down = np.flatnonzero((height < 5e-4) & (time > 0.1))
-    if not len(down) or down[0] + 14 >= len(time) or down[0] < 12:
+    if not len(down) or down[0] + 8 + TRUE_AFTER >= len(time) or down[0] < 12:
         return None
     at = int(down[0])
     fall = np.polyfit(time[at - 10 : at], height[at - 10 : at], 2)
     turned = at + int(np.argmin(height[at : at + 8]))
-    rise = np.polyfit(time[turned + 2 : turned + 12], height[turned + 2 : turned + 12], 2)
+    late = slice(turned + 2, turned + TRUE_AFTER)
+    rise = np.polyfit(time[late], height[late], 2)
     before, after = np.polyval(np.polyder(fall), time[turned]), np.polyval(np.polyder(rise), time[turned])
     return max(0.0, float(-after / before))
 

@@ -29,7 +29,7 @@ def landing(value: float, number: int, upper: float | None = None) -> LandingRes
 
 def test_strikes_that_held_give_a_bound_and_no_value():
     found = combined_friction([held(0.21), held(0.28, 2), held(0.25, 3)], 1e-3)
-    assert found.value is None and found.interval is None and found.sd is None
+    assert (found.value, found.interval, found.sd) == (None, None, None)
     assert found.bound == pytest.approx(0.275, abs=0.006)
 
 
@@ -38,8 +38,8 @@ def test_strikes_that_slid_give_a_value_with_the_error_that_they_share():
     assert found.value == pytest.approx(0.30, abs=0.002)
     low, high = found.interval
     assert low < 0.3 < high
-    # One per cent of lens and clock, however many strikes there are.
-    assert 0.003 < found.sd < 0.006
+    # One and a half per cent of lens and contact, however many strikes there are.
+    assert 0.004 < found.sd < 0.008
     assert found.scatter < 0.02
 
 

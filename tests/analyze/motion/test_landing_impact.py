@@ -14,7 +14,7 @@ COM = np.array([-0.03, 0.075])
 
 
 def landed(restitution: float, noise: float = 2e-5, speed: float = 1.4, rate: float = RATE, seed: int = 1):
-    """Landing at 90 degrees of a line that comes down at `speed` [m/s], and back at `restitution` times it."""
+    """Landing at 90 degrees of a line that comes down at `speed` [m/s] and goes back up."""
     rng = np.random.default_rng(seed)
     time = np.arange(-0.3, 0.1, 1 / rate) + 0.003
     before = speed * np.minimum(time, 0.0) - 2.0 * np.minimum(time, 0.0) ** 2
@@ -47,7 +47,8 @@ def test_a_rebound_is_measured(restitution):
 def test_a_line_that_stays_down_gives_an_upper_limit():
     found = landed(0.0)
     assert found is not None
-    assert found.upper is not None and found.upper < 0.06
+    assert found.upper is not None
+    assert found.upper < 0.06
     assert 0 < found.restitution < found.upper
 
 

@@ -34,7 +34,8 @@ def known(body: Body, fit) -> PivotBody:
 
 def fall(body: Body, seed: int = 1):
     motion = struck(body, seed=seed)
-    assert motion.fit is not None and motion.phases.stage_two is not None
+    assert motion.fit is not None
+    assert motion.phases.stage_two is not None
     first = int(np.argmax(motion.angle.theta > motion.fit.phi + 0.05))
     window = first, motion.phases.stage_two[1] - 1
     return friction_likelihood(motion.angle, motion.edge_path, window, known(body, motion.fit), moving=False)
