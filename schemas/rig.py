@@ -388,6 +388,12 @@ class RigConfig(Document):
         le=10,
         description="smallest friction coefficient between table and object, which plans assume",
     )
+    table_name: str | None = Field(
+        default=None,
+        min_length=1,
+        max_length=80,
+        description="surface that objects stand on, such as oak: friction and restitution are reported for it",
+    )
     camera: CameraConfig = Field(
         description="with address and [camera.calibration]: docs/how-to/rig.md shows a whole rig file"
     )

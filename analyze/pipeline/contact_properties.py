@@ -109,11 +109,11 @@ def with_contact_properties(estimate: Estimate) -> Estimate:
 
 
 def table_name(evidence: Evidence) -> str:
-    """Name of the table as the rig files state it, or "the table of this recording"."""
+    """Name of the table as the rig files state it (`table_name`), or "the table of this recording"."""
     names: set[str] = set()
     for head in evidence.recordings:
         try:
-            stated = tomllib.loads(head.rig_toml or "").get("table")
+            stated = tomllib.loads(head.rig_toml or "").get("table_name")
         except tomllib.TOMLDecodeError:
             stated = None
         if isinstance(stated, str):

@@ -33,7 +33,7 @@ from schemas.strike_result import Verdict
 from tests.benchmarks.contact_session import ContactSession, StruckStrike, Table, contact_session
 
 OBJECTS = ("carton", "juice", "spray", "parcel", "salt")
-FRICTIONS = (0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
+FRICTIONS = (0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8)
 RESTITUTIONS = (0.0, 0.3, 0.5)
 TRUE_AFTER = 25
 """milliseconds after a landing from which the true speed is taken, three frames: the other edge trembles"""

@@ -56,7 +56,7 @@ def test_a_bound_above_a_poor_value_counts():
 
 
 def test_a_tilted_table_is_in_the_error_of_friction():
-    level, tilted = (combined_friction([slid(0.3, 0.002)], sd) for sd in (1e-4, 0.01))
+    level, tilted = (combined_friction([slid(0.3, 0.002)], sd) for sd in (1e-4, 0.02))
     assert tilted.sd > 2 * level.sd
 
 
