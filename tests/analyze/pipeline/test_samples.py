@@ -29,8 +29,12 @@ def test_every_sample_gives_the_right_answer(sample):
     done = CliRunner().invoke(analyze, ["estimate", str(sample), "--json"], catch_exceptions=False)
     assert done.exit_code == 0, done.stderr
     result = Result.model_validate_json(done.stdout)
-    assert math.dist(result.centre_of_mass.value, read_truth(sample).body.com_object) < 0.0005
+    truth = read_truth(sample).body
+    assert math.dist(result.centre_of_mass.value, truth.com_object) < 0.0005
     assert all(strike.used for strike in result.strikes)
+    low, high = result.contact_properties.friction.coefficient.interval_ends()
+    assert low < truth.friction < high
+    assert result.contact_properties.table == "the table of this recording"
 
 
 @pytest.mark.slow
