@@ -2,10 +2,10 @@
 
 A body that tips about one edge lands when its next face comes to the table: the far end of that face, a line
 at the distance L from the edge about which it turned, meets the table with the speed L theta'. The height of
-this line over the table follows from the measured angle and the measured height of the edge. Before and after
-the landing it is a parabola; the two meet at the instant of the landing, on the table. The coefficient of
-restitution is the ratio of its slopes there (Newton). It belongs to this line of this body on this table: a
-body that lands on one end of a face turns about it, also where nothing rebounds.
+this line over the table follows, near the landing, from the measured angle and height of the edge. Before and
+after the landing it is a parabola; the two meet at the instant of the landing, on the table. The coefficient
+of restitution is the ratio of its slopes there (Newton). It belongs to this line of this body on this table:
+a body that lands on one end of a face turns about it, also where nothing rebounds.
 """
 
 # scipy and numpy are only partly typed.
@@ -14,6 +14,7 @@ body that lands on one end of a face turns about it, also where nothing rebounds
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -23,7 +24,7 @@ from scipy.optimize import least_squares
 if TYPE_CHECKING:
     from analyze.types import Array, EdgePath, TipAngle
 
-_BEFORE = 7
+_BEFORE = 6
 """frames before the landing that are used"""
 _LONGEST_AFTER_S = 0.12
 """time after the landing that is used at most [s]"""
@@ -111,9 +112,12 @@ def landing(
     if len(used) < _BEFORE + _MIN_AFTER:
         return None
     time = (angle.time_ns[used] - angle.time_ns[last_free]) * 1e-9
-    height = path.lift[used] + _height(body.line[None], theta)[:, 0]
-    by_theta = -body.line[0] * np.cos(theta) - body.line[1] * np.sin(theta)
-    by = np.stack([by_theta, np.zeros(len(used)), np.ones(len(used))], -1)
+    # Linear in the angle about the landing: a chord's curvature would pass for a change of speed.
+    lands = math.atan2(body.line[1], body.line[0])
+    lands -= math.pi * round((lands - float(theta[last_free - first])) / math.pi)
+    by_theta = float(-body.line[0] * math.cos(lands) - body.line[1] * math.sin(lands))
+    height = path.lift[used] + by_theta * (theta - lands)
+    by = np.tile([by_theta, 0.0, 1.0], (len(used), 1))
     variance = np.einsum("ni,nij,nj->n", by, path.covariance[used], by) + _HEIGHT_SD**2
     above = float(_height(body.com[None], theta[last_free - first : last_free - first + 1])[0, 0])
     frames = _Frames(time, height, np.sqrt(variance), theta, above, gravity)

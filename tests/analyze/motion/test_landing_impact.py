@@ -23,7 +23,7 @@ def landed(restitution: float, noise: float = 2e-5, speed: float = 1.4, rate: fl
     late = np.maximum(time, 0.0)
     flight = bounce * late - 0.5 * 11.0 * late**2
     height = np.where(time < 0, height, np.maximum(flight, 0.0)) + rng.normal(0, noise, len(time))
-    theta = math.pi / 2 - np.arcsin(np.clip(height / LENGTH, -1.0, 1.0))
+    theta = math.pi / 2 - height / LENGTH
     zero = np.zeros(len(time))
     angle = TipAngle((time * 1e9).astype(np.int64), theta, zero + noise / LENGTH, zero, zero)
     covariance = np.zeros((len(time), 3, 3))
