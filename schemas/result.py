@@ -18,6 +18,7 @@ from schemas.quantity import RENAMED, Quantity, RenamedDocument, json_entries
 from schemas.result_inputs import ResultInputs
 from schemas.robustness import AlternativeResult
 from schemas.strike_result import StrikeResult
+from schemas.toss_result import FlightResult
 
 RESULT_VERSION = "2.0"
 """Schema version of results, reports and comparisons; recordings and plans have their own."""
@@ -56,6 +57,7 @@ class WarningCode(enum.Enum):
     STRIKES_SCATTER = "strikes_scatter"
     REST_TURNED = "rest_turned"
     MARKER_MOVED = "marker_moved"
+    TOSSES_NOT_USED = "tosses_not_used"
 
 
 class ResultWarning(Document):
@@ -288,6 +290,7 @@ class Result(SparseDocument):
         "frame_times",
         "fixture",
         "contact_properties",
+        "flight",
     )
 
     schema_version: str = RESULT_VERSION
@@ -348,6 +351,10 @@ class Result(SparseDocument):
     contact_properties: ContactPropertiesResult | None = Field(
         default=None,
         description="friction and restitution on the table; not written in older results, or if none is seen",
+    )
+
+    flight: FlightResult | None = Field(
+        default=None, description="tosses and what they determine; not written where nothing was tossed"
     )
 
     robustness: list[AlternativeResult] | None = Field(

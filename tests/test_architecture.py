@@ -109,6 +109,14 @@ PURE = {
     "analyze/tracking": FOUNDATION | {"analyze.tracking", "cv2"},
     "analyze/calibration": FOUNDATION | {"analyze.calibration", "analyze.tracking", "analyze.tags", "cv2"},
     "analyze/motion": FOUNDATION | {"analyze.motion", "analyze.tracking", "analyze.geometry"},
+    "analyze/flight": FOUNDATION
+    | {
+        "analyze.flight",
+        "analyze.motion.body_motion",
+        "analyze.geometry",
+        "analyze.tracking",
+        "analyze.geometry.second_moments",
+    },
     "analyze/registration": (
         FOUNDATION | {"analyze.registration", "analyze.motion", "analyze.tracking", "analyze.geometry"}
     ),

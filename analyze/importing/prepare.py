@@ -32,7 +32,7 @@ from analyze.importing.windows import (
     strike_windows,
     window_around,
 )
-from analyze.pipeline.read_evidence import placed_markers
+from analyze.pipeline.object_markers import placed_markers
 from analyze.progress import Progress, no_progress
 from analyze.reading.object_file import ObjectFiles, read_object_files
 from analyze.sources.open_source import open_source

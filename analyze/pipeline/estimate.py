@@ -45,6 +45,7 @@ from analyze.pipeline.prediction import StrikePrediction, predict_strikes
 from analyze.pipeline.shells import region_masses
 from analyze.pipeline.solved import EstimateOptions, recorded_in, solve_strikes
 from analyze.pipeline.surface_error import SurfaceError
+from analyze.pipeline.tosses import FlightAnswer
 from analyze.pipeline.what_ifs import estimate_alternatives
 from analyze.planning.stable_planes import resting_planes
 from analyze.types import EquiPlane
@@ -136,6 +137,8 @@ class Estimate:
     """body that was struck, and errors by their cause, where the object is held in a fixture; else None"""
     contact: ContactProperties | None = None
     """friction and restitution on the table; None unless `with_contact_properties` added them"""
+    flight: FlightAnswer | None = None
+    """answer of the tosses; part of the estimate if it agrees with the strikes; None without a good toss"""
 
     @property
     def com(self) -> CentreOfMass:
@@ -230,6 +233,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         rest=turns_at_rest(evidence, used),
         surface_error=solved.surface_error,
         fixture=solved.fixture,
+        flight=solved.flight,
     )
 
 

@@ -20,7 +20,7 @@ from schemas.wording import counted
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from analyze.motion.free_flight import FlightBody
+    from analyze.flight.free_flight import FlightBody
     from analyze.motion.moment_balance import BalancedBody
 
 _VIEWS = ((0, 2, "x", "z"), (0, 1, "x", "y"))

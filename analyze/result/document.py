@@ -11,6 +11,7 @@ from analyze.result.assessment import assessment
 from analyze.result.contact import contact_document
 from analyze.result.filling import filling_document, filling_warnings
 from analyze.result.fixture import fixture_document
+from analyze.result.flight import flight_document
 from analyze.result.frame_times import frame_times_documents
 from analyze.result.quantities import (
     com_quantity,
@@ -79,6 +80,7 @@ def result_document(estimate: Estimate) -> Result:
             frame_times=frame_times or None,
             fixture=fixture_document(estimate.fixture),
             contact_properties=contact_document(evidence.spec.name, estimate.contact),
+            flight=flight_document(estimate),
             robustness=robustness_documents(estimate) or None,
         )
     )

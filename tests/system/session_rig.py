@@ -7,7 +7,7 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from acquire.virtual.devices import camera_address, rig_toml
 from acquire.virtual.objects import load_object
 from acquire.virtual.operator import VirtualOperator
 from acquire.virtual.station import calibration_sheet
+from acquire.virtual.toss import TossKind
 from acquire.virtual.usb_library import FOLDER, library_environment
 from schemas.camera_kind import CameraKindName
 from tests.acquire.virtual.world_link import WorldLink
@@ -56,6 +57,8 @@ class SessionRig:
     strikes: int = 3
     """number of planned strikes"""
     camera_kind: CameraKindName = "gige"
+    tosses: int = 0
+    """number of planned tosses"""
 
     def __post_init__(self) -> None:
         thing = load_object(OBJECT, SEED)
@@ -79,6 +82,8 @@ class SessionRig:
             str(rig),
             "--strikes",
             str(self.strikes),
+            "--tosses",
+            str(self.tosses),
         ]
         subprocess.run(
             [sys.executable, "-m", "analyze", "plan", *plan], check=True, stdout=subprocess.DEVNULL
@@ -102,14 +107,17 @@ class SessionRig:
         name: str = "r.mcap",
         target: Target | None = None,
         earlier: EarlierStrikes | None = None,
+        only_tosses: bool = False,
+        kinds: Sequence[TossKind] = (TossKind.GOOD,),
     ) -> SessionReport:
         """Run a session with the virtual operator; its recording is called `name`."""
         world = self.world()
         client = self.cleanup.enter_context(contextlib.closing(DaemonClient(self.daemon.socket)))
-        with contextlib.closing(VirtualOperator(self.daemon.socket, world, SEED)):
+        with contextlib.closing(VirtualOperator(self.daemon.socket, world, SEED, tosses=kinds)):
             given = SessionInput(self.folder / "object.toml", self.folder / "plan.json")
             output = self.folder / name
-            return SessionRunner(client, given, output, progress, SessionOptions(target, earlier)).run()
+            options = SessionOptions(target, earlier, only_tosses=only_tosses)
+            return SessionRunner(client, given, output, progress, options).run()
 
     def world(self) -> WorldLink:
         """A separate connection to the virtual world."""
@@ -118,8 +126,8 @@ class SessionRig:
 
 @contextlib.contextmanager
 def session_rig(
-    striker: str = "dynamixel", strikes: int = 3, camera_kind: CameraKindName = "gige"
+    striker: str = "dynamixel", strikes: int = 3, camera_kind: CameraKindName = "gige", tosses: int = 0
 ) -> Iterator[SessionRig]:
     """Yield a rig in a folder with a short name, because the path of a socket is limited."""
     with tempfile.TemporaryDirectory(prefix="ps-") as name, contextlib.ExitStack() as cleanup:
-        yield SessionRig(Path(name), cleanup, striker=striker, strikes=strikes, camera_kind=camera_kind)
+        yield SessionRig(Path(name), cleanup, [], striker, strikes, camera_kind, tosses)

@@ -19,6 +19,7 @@ from analyze.planning.paper_strikes import paper_strike_plan
 from analyze.planning.plan import PlanRequest, plan_strikes
 from analyze.planning.prepared import PreparedObject, prepare_object
 from analyze.planning.striker_update import updated_striker
+from analyze.planning.tosses import with_tosses
 from analyze.progress import Progress, no_progress
 from analyze.reading.object_file import read_object_files
 from analyze.types import CameraModel
@@ -65,6 +66,8 @@ class PlanOptions:
     """largest number of different axes (pivot edges); None for no limit"""
     camera_path: Path | None = None
     """camera file of a phone, for strikes by hand; None for a rig"""
+    tosses: int = 0
+    """number of tosses by hand after the strikes"""
 
 
 @dataclass(frozen=True)
@@ -139,7 +142,7 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = no
         if not options.given and options.rig_path is None and options.camera_path is None:
             prepared, note = prepared_for_mat(prepared)
             notes += [note] if note else []
-        plan = _plan_of(prepared, files.sha256, options, progress)
+        plan = with_tosses(_plan_of(prepared, files.sha256, options, progress), prepared, options.tosses)
     except PlanError as error:
         for note in model.warnings:
             error.add_note(note)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from analyze.errors import EstimationError
-from analyze.motion.free_flight import Flight, fit_flights
+from analyze.flight.free_flight import Flight, fit_flights
 from analyze.motion.moment_balance import balance_moments
 from analyze.reproduce.cube_tosses import corner_contacts, edge_contacts, flights
-from tests.analyze.motion.tossed_cube import MASS, Cube, G, tossed
+from tests.analyze.flight.tossed_cube import MASS, Cube, G, tossed
 
 CUBE = Cube(np.array([0.001, -0.002, 0.006]), np.array([1.0, 0.95, 0.9]) * 1e-3)
 TOUCHING = {"edge": edge_contacts, "corner": corner_contacts}

@@ -12,9 +12,9 @@ from click.testing import CliRunner
 
 from analyze.cli import main
 from analyze.errors import EstimationError, RecordingError
+from analyze.flight.free_flight import FlightBody, fit_flights
+from analyze.flight.free_rotation import fit_rotations
 from analyze.least_squares.intervals import pooled_freedom, student_sigmas_95
-from analyze.motion.free_flight import FlightBody, fit_flights
-from analyze.motion.free_rotation import fit_rotations
 from analyze.motion.moment_balance import BalancedBody, balance_moments
 from analyze.reproduce.cube_tosses import (
     AIR_DRAG,
@@ -24,7 +24,7 @@ from analyze.reproduce.cube_tosses import (
     flights,
 )
 from analyze.reproduce.cube_tosses_file import MAX_UNPACKED_BYTES, read_tosses
-from tests.analyze.motion.tossed_cube import EDGE, MASS, Cube, tossed
+from tests.analyze.flight.tossed_cube import EDGE, MASS, Cube, tossed
 from tests.places import ROOT
 
 DATA = ROOT.parent / "shared" / "data" / "contactnets_tosses.npz"

@@ -15,25 +15,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.errors import EstimationError
+from analyze.flight.attitude import rotated_attitudes, small_rotation, turned
 from analyze.geometry.rotations import wxyz_from_matrix
 from analyze.least_squares.grouped_errors import group_freedom, jackknife_covariance
 from analyze.least_squares.intervals import student_sigmas_95
+from analyze.types import TENSOR_ENTRIES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from analyze.flight.free_flight import Flight
     from analyze.motion.body_motion import BodyMotion
-    from analyze.motion.free_flight import Flight
     from analyze.types import Array
 
 MIN_THROWS = 8
 """least number of throws"""
-ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-"""places of xx, yy, zz, xy, xz, yz in a tensor"""
 _T_FREEDOM = 4.0
 """degrees of freedom of Student's t distribution of the residuals"""
-_STEP_RAD = 0.2
-"""largest turn of the fastest body in a step of the integration [rad]: an error of some 1e-6 rad"""
 _ROUNDS = 60
 _STEP = 1e-5
 """step of the numerical derivatives [rad, rad/s, 1]"""
@@ -67,7 +65,7 @@ class FreeRotation:
 
 def tensor_ratios(inertia: Array) -> Array:
     """Entries (6,) xx, yy, zz, xy, xz, yz of an inertia tensor (3, 3) over the mean of its diagonal."""
-    return np.array([inertia[place] for place in ENTRIES]) / (np.trace(inertia) / 3.0)
+    return np.array([inertia[place] for place in TENSOR_ENTRIES]) / (np.trace(inertia) / 3.0)
 
 
 def fit_rotations(flights: Sequence[Flight]) -> FreeRotation:
@@ -206,7 +204,7 @@ class _Problem:
         step = _solve(
             np.einsum("fri,frj->fij", local, local), -np.einsum("fri,fr->fi", local, residual)[..., None]
         )[..., 0]
-        self._attitude = _turned(self._attitude, step[:, :3])
+        self._attitude = turned(self._attitude, step[:, :3])
         self._spin = self._spin + step[:, 3:]
         residual, jacobian = self._linearised(shape)
         local, shared = jacobian[..., :_LOCAL], jacobian[..., _LOCAL:]
@@ -226,79 +224,11 @@ class _Problem:
         spin = np.repeat(self._spin[None], unknowns + 1, axis=0)
         inertia = np.repeat(_inertia(shape)[None], unknowns + 1, axis=0)
         for number in range(3):
-            attitude[number + 1] = _turned(self._attitude, _STEP * np.eye(3)[[number]].repeat(flights, 0))
+            attitude[number + 1] = turned(self._attitude, _STEP * np.eye(3)[[number]].repeat(flights, 0))
             spin[number + 4, :, number] += _STEP
         for number in range(_SHARED):
             inertia[number + 7] = _inertia(shape + _STEP * np.eye(_SHARED)[number])
-        path = _free_rotation(attitude, spin, inertia, self._time)
-        left = _difference(path, self._measured[None]) * self._used[None, :, :, None]
+        path, _ = rotated_attitudes(attitude, spin, inertia, self._time)
+        left = small_rotation(path, self._measured[None]) * self._used[None, :, :, None]
         left = left.reshape(unknowns + 1, flights, -1)
         return left[0], np.moveaxis((left[1:] - left[0]) / _STEP, 0, -1)
-
-
-def _free_rotation(attitude: Array, spin: Array, inertia: Array, time: Array) -> Array:
-    """Attitudes (v, f, n, 4) of f torque-free bodies at their times (f, n) [s], for v sets of unknowns.
-
-    Runge-Kutta of the fourth order, in steps of at most `_STEP_RAD`.
-
-    Args:
-        attitude: (v, f, 4) quaternions wxyz from O to W at the first time.
-        spin: (v, f, 3) angular velocity in O there [rad/s].
-        inertia: (v, 3, 3) tensor in O, up to its factor.
-        time: (f, n) times [s]; equal ones at the end of a shorter flight.
-    """
-    inverse = _inverse(inertia)
-
-    def rates(q: Array, w: Array) -> tuple[Array, Array]:
-        momentum = np.einsum("vij,vfj->vfi", inertia, w)
-        return 0.5 * _product(q, w), np.einsum("vij,vfj->vfi", inverse, _cross(momentum, w))
-
-    path = np.empty((*attitude.shape[:2], time.shape[1], 4))
-    path[:, :, 0] = attitude
-    fastest = float(np.linalg.norm(spin, axis=-1).max())
-    q, w = attitude, spin
-    for frame in range(1, time.shape[1]):
-        gap = time[:, frame] - time[:, frame - 1]
-        pieces = max(1, int(np.ceil(float(gap.max()) * fastest / _STEP_RAD)))
-        h = (gap / pieces)[None, :, None]
-        for _ in range(pieces):
-            q1, w1 = rates(q, w)
-            q2, w2 = rates(q + 0.5 * h * q1, w + 0.5 * h * w1)
-            q3, w3 = rates(q + 0.5 * h * q2, w + 0.5 * h * w2)
-            q4, w4 = rates(q + h * q3, w + h * w3)
-            q = q + h / 6 * (q1 + 2 * q2 + 2 * q3 + q4)
-            w = w + h / 6 * (w1 + 2 * w2 + 2 * w3 + w4)
-            q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-        path[:, :, frame] = q
-    return path
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Cross product (..., 3), several times as fast as numpy's."""
-    a1, a2, a3, b1, b2, b3 = a[..., 0], a[..., 1], a[..., 2], b[..., 0], b[..., 1], b[..., 2]
-    return np.stack([a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1], axis=-1)
-
-
-def _product(q: Array, vector: Array) -> Array:
-    """Quaternion (..., 4) times the pure quaternion of a vector (..., 3)."""
-    scalar, part = q[..., :1], q[..., 1:]
-    return np.concatenate(
-        [-np.sum(part * vector, axis=-1, keepdims=True), scalar * vector + _cross(part, vector)], axis=-1
-    )
-
-
-def _turned(q: Array, by: Array) -> Array:
-    """Quaternions (f, 4) turned in their own frame by small rotation vectors (f, 3) [rad]."""
-    turned = q + 0.5 * _product(q, by)
-    return turned / np.linalg.norm(turned, axis=-1, keepdims=True)
-
-
-def _difference(fitted: Array, measured: Array) -> Array:
-    """Rotation vectors (..., 3) [rad] from measured to fitted attitudes (..., 4), in the measured frame."""
-    scalar = np.sum(measured * fitted, axis=-1, keepdims=True)
-    part = (
-        measured[..., :1] * fitted[..., 1:]
-        - fitted[..., :1] * measured[..., 1:]
-        - np.cross(measured[..., 1:], fitted[..., 1:])
-    )
-    return 2.0 * np.sign(scalar) * part

@@ -9,12 +9,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from analyze.errors import EstimationError
+from analyze.flight.free_flight import Flight
+from analyze.flight.free_rotation import fit_rotations, tensor_ratios
 from analyze.motion.body_motion import BodyMotion
-from analyze.motion.free_flight import Flight
-from analyze.motion.free_rotation import fit_rotations, tensor_ratios
 from analyze.motion.moment_balance import tensor
 from analyze.reproduce.cube_tosses import flights
-from tests.analyze.motion.tossed_cube import Cube, tossed
+from tests.analyze.flight.tossed_cube import Cube, tossed
 
 CUBE = Cube(np.array([0.0, 0.001, 0.006]), np.array([1.0, 0.93, 0.85]) * 1e-3)
 TURN = Rotation.from_rotvec([0.5, -0.8, 0.3]).as_matrix()
