@@ -361,7 +361,7 @@ class RigConfig(Document):
         default=None,
         min_length=1,
         max_length=80,
-        description="surface that objects stand on, such as oak: friction and restitution are reported for it",
+        description="surface that objects stand on, such as oak: friction is reported for it",
     )
     table_far_edge_m: float = Field(
         default=TABLE_FAR_EDGE_M,
