@@ -38,15 +38,15 @@ def test_strikes_that_slid_give_a_value_with_the_error_that_they_share():
     assert found.value == pytest.approx(0.30, abs=0.002)
     low, high = found.interval
     assert low < 0.3 < high
-    # One and a half per cent of lens and contact, however many strikes there are.
-    assert 0.004 < found.sd < 0.008
+    # Two and a half per cent of lens and contact, however many strikes there are.
+    assert 0.006 < found.sd < 0.012
     assert found.scatter < 0.02
 
 
 def test_scatter_between_strikes_widens_the_interval():
     scattered = [slid(0.24, 0.003), slid(0.30, 0.003, 2), slid(0.36, 0.003, 3)]
     wide, narrow = combined_friction(scattered, 1e-3), combined_friction([slid(0.3, 0.003)] * 3, 1e-3)
-    assert wide.sd > 3 * narrow.sd
+    assert wide.sd > 2 * narrow.sd
     assert wide.scatter > 0.06
 
 
@@ -56,7 +56,7 @@ def test_a_bound_above_a_poor_value_counts():
 
 
 def test_a_tilted_table_is_in_the_error_of_friction():
-    level, tilted = (combined_friction([slid(0.3, 0.002)], sd) for sd in (1e-4, 0.02))
+    level, tilted = (combined_friction([slid(0.3, 0.002)], sd) for sd in (1e-4, 0.03))
     assert tilted.sd > 2 * level.sd
 
 
