@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from analyze.types import MotionFit, Phases, TipAngle, TipMotion
     from schemas.strike_plan import PlannedStrike
 
-_PAST_BALANCE = 0.05
-"""angle past balance [rad] from which the fall is used: the body no longer lingers"""
+_PAST_BALANCE = 0.12
+"""angle past balance [rad] from which the fall is used: up to there an edge holds, unless mu is below 0.1"""
 _HELD_RANGE = 1.5e-4
 """sliding [m] up to which the edge counts as held on its way up"""
 _SLID_RANGE = 4e-4
