@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
     from analyze.types import Array
 
+LEAST_SLIDE_M = 5e-4
+"""least sliding [m] of an edge in one strike at which a value is given: edges creep by some tenths of a
+millimetre before they slide, which alone bounds friction from below"""
 LOWEST_MU, HIGHEST_MU = 0.05, 2.0
 """range of coefficients of friction that are considered"""
 _STEP = 0.002
@@ -173,7 +176,8 @@ def combined_friction(strikes: Sequence[StrikeFriction], tilt_sd: float) -> Fric
     low, high = float(mu[inside[0]]), float(mu[inside[-1]])
     bound = float(mu[np.flatnonzero(chi2 <= _ONE_SIDED)[0]])
     best = float(mu[int(np.argmax(total))])
-    if high > _OPEN_MU or high - low > 2 * _VALUE_WIDTH * best:
+    slides = any(one.slid > LEAST_SLIDE_M for one in strikes)
+    if not slides or high > _OPEN_MU or high - low > 2 * _VALUE_WIDTH * best:
         return Friction(None, None, None, bound, None, tuple(strikes))
     posterior = np.exp(joint - joint.max())
     scatter = float(_SCATTERS @ posterior.sum(axis=1) / posterior.sum())

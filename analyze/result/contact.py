@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from analyze.estimation.contact_properties import LEAST_SLIDE_M
 from analyze.result.digits import number, open_interval, with_interval
 from analyze.result.quantities import quantity
 from schemas.contact_result import (
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
     )
     from schemas.result import Result
 
-_SLID_M = 5e-4
-"""sliding [m] from which a strike is said to have slid"""
 UNITLESS = "1"
 """unit of coefficients"""
 
@@ -99,7 +98,7 @@ def contact_lines(result: Result) -> list[str]:
         return []
     lines: list[str] = []
     if (friction := contact.friction) is not None:
-        slid = sum(each.slid_m > _SLID_M for each in friction.strikes)
+        slid = sum(each.slid_m > LEAST_SLIDE_M for each in friction.strikes)
         if friction.coefficient.observed:
             lines.append(
                 f"Friction of {contact.object} on {contact.table}:"

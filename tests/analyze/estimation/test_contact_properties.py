@@ -1,5 +1,7 @@
 """Friction and restitution combined over strikes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -41,6 +43,12 @@ def test_strikes_that_slid_give_a_value_with_the_error_that_they_share():
     # Two and a half per cent of lens and contact, however many strikes there are.
     assert 0.006 < found.sd < 0.012
     assert found.scatter < 0.02
+
+
+def test_a_creep_of_tenths_of_a_millimetre_is_no_slide():
+    found = combined_friction([replace(slid(0.38, 0.01), slid=2e-4)], 1e-3)
+    assert found.value is None
+    assert found.bound == pytest.approx(0.36, abs=0.01)
 
 
 def test_scatter_between_strikes_widens_the_interval():

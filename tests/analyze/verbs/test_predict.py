@@ -31,7 +31,8 @@ def test_the_estimated_body_predicts_a_filmed_strike():
     (strike,) = found.strikes
     assert strike.errors.estimated.rms_rad < math.radians(1)
     assert strike.errors.estimated.rms_rad < strike.errors.uniform.rms_rad / 5
-    assert strike.friction == pytest.approx(0.61, abs=0.1)
+    assert strike.friction_is_bound
+    assert 0.3 < strike.friction < 0.66
 
 
 @pytest.mark.slow
