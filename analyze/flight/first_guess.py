@@ -23,6 +23,8 @@ _TRIED_FRAMES, _LAGS = 6, (1, 3)
 """number of frames whose poses are tried, and of frames from each to the one that gives the spin"""
 _FITTED_GUESSES = 2
 """number of the best guesses that are fitted"""
+_MAX_STEPS = 12
+"""number of steps after which the fit to a guess ends"""
 _GOOD_PX = 0.5
 """rms residual of a fit to a guess [px] below which no further guess is fitted"""
 _CLIP_PX = 40.0
@@ -86,7 +88,7 @@ def first_fit(
     best = sorted(guesses, key=lambda each: each[0])[:_FITTED_GUESSES]
     fits: list[TossFit] = []
     for _, start in best:
-        fits.append(fit_tosses(body, prior, camera, tags, [(views, start)]))
+        fits.append(fit_tosses(body, prior, camera, tags, [(views, start)], max_steps=_MAX_STEPS))
         if float(np.sqrt(np.mean(fits[-1].residual ** 2))) < _GOOD_PX:
             break
     return min(fits, key=lambda fit: fit.cost)

@@ -34,12 +34,14 @@ _END_FRAMES = 3
 """number of frames at an end of a flight whose residuals are judged together"""
 _END_RATIO = 2.5
 """rms residual of the frames at an end, over that of all frames, above which they are cut off"""
-_CORE_FRAMES, _ADDED_FRAMES = 16, 8
-"""frames that are fitted at first, and frames added at once"""
+_CORE_FRAMES, _ADDED_FRAMES = 16, 16
+"""frames that are fitted at first, and most frames added at once"""
 _SKIPPED_FRAMES, _MAX_LATE_FRAMES = 2, 20
 """frames left out at once at the start if the first do not fit, and at most"""
 _MAX_CORE_PX, _MAX_GROWTH = 1.0, 1.6
 """largest rms residual of the first frames [px], and its largest growth by frames that are added"""
+_MAX_STEPS = 6
+"""number of steps after which the fit to a flight that grows ends"""
 _MAX_PREDICTED_PX = 8.0
 """largest median distance of the corners in frames that are added from where the fit so far predicts them"""
 _GUARD_FRAMES = 1
@@ -105,7 +107,7 @@ def grown_flight(
             break
     else:
         return None
-    end, more = begin + _CORE_FRAMES, _ADDED_FRAMES
+    end, more, failed = begin + _CORE_FRAMES, _ADDED_FRAMES // 2, False
     while more and end < len(views):
         if views.seconds[end] - views.seconds[end - 1] > _BRIDGED_S:
             break
@@ -113,8 +115,9 @@ def grown_flight(
         fit = _extended(part, found, end - begin)
         if fit is not None:
             end, found = begin + len(part), fit
+            more = more if failed else min(2 * more, _ADDED_FRAMES)
         else:
-            more //= 2
+            failed, more = True, more // 2
     part = views.part(begin, end - _GUARD_FRAMES)
     again = [(part, found.starts()[0])]
     return part, fit_tosses(body, prior, camera, tags, again, found.x[: found.model.shared])
@@ -132,7 +135,7 @@ def _extended(views: TossViews, fit: TossFit, fitted: int) -> TossFit | None:
     off = np.abs(predicted - views.corners.ravel()).reshape(-1, 8)[views.frame >= fitted]
     if not float(np.median(off)) < _MAX_PREDICTED_PX:
         return None
-    new = fit_tosses(model.body, fit.prior, model.camera, model.tags, model.tosses, shared)
+    new = fit_tosses(model.body, fit.prior, model.camera, model.tags, model.tosses, shared, _MAX_STEPS)
     usual = max(_rms_px(fit), float(views.sd.mean()))
     return new if _ends_fit(views, new) and _rms_px(new) < _MAX_GROWTH * usual else None
 

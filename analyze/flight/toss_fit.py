@@ -23,7 +23,7 @@ from analyze.flight.flight_model import (
     ThrownBody,
     TossStart,
 )
-from analyze.least_squares.levenberg_marquardt import Minimum, minimise
+from analyze.least_squares.levenberg_marquardt import MAX_STEPS, Minimum, minimise
 from analyze.least_squares.robust import correlation_factor
 
 if TYPE_CHECKING:
@@ -112,6 +112,7 @@ def fit_tosses(
     tags: TagSet,
     tosses: Sequence[tuple[TossViews, TossStart]],
     shared: Array | None = None,
+    max_steps: int = MAX_STEPS,
 ) -> TossFit:
     """Fit all unknowns of the body, its tags and its tosses to the tags' corners, with Huber's loss.
 
@@ -122,6 +123,7 @@ def fit_tosses(
         tags: the object's tags, with the sd of their places.
         tosses: views of each toss, with a first guess of its start.
         shared: first guess of the unknowns that tosses share; None for the prior's mean.
+        max_steps: number of steps after which the fit ends, converged or not.
     """
     model = FlightModel(body, camera, tags, tosses)
     mean, sd = prior.mean_and_sd(tags)
@@ -137,7 +139,7 @@ def fit_tosses(
             [by, np.eye(model.count)[: model.shared]]
         )
 
-    found = minimise(observed, np.concatenate([corner_sd, sd]), expected, start, scale, TAG_SIZE)
+    found = minimise(observed, np.concatenate([corner_sd, sd]), expected, start, scale, TAG_SIZE, max_steps)
     return _result(model, prior, found, corner_sd, sd)
 
 

@@ -23,6 +23,7 @@ from analyze.planning.tosses import with_tosses
 from analyze.progress import Progress, no_progress
 from analyze.reading.object_file import read_object_files
 from analyze.types import CameraModel
+from analyze.verbs.plan.hub_clearance import note_on_hub
 from analyze.verbs.plan.nominal_striker import prepared_for_mat, prepared_for_striker
 from analyze.verbs.plan.phone import phone_bench
 from analyze.verbs.plan.rig import PlannedRig, planned_rig, rig_from_text
@@ -147,11 +148,19 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = no
         for note in model.warnings:
             error.add_note(note)
         raise
-    if model.held is not None:
-        notes.append(_note_on_fixture(model.held))
+    notes += _notes_on(plan, model, rig)
     return PlannedObject(
         plan.model_copy(update={"warnings": [*plan.warnings, *notes]}), model, files.spec, bench.camera
     )
+
+
+def _notes_on(plan: StrikePlan, model: ObjectModel, rig: PlannedRig) -> list[str]:
+    """Notes on a fixture, and on strikes at which the arm's hub would touch the object."""
+    notes = [_note_on_fixture(model.held)] if model.held is not None else []
+    if rig.config is not None and "striker" in rig.devices:
+        note = note_on_hub(plan.strikes, model.vertices, rig.config.striker.arm_length_m)
+        notes += [note] if note else []
+    return notes
 
 
 def _plan_of(prepared: PreparedObject, sha256: str, options: PlanOptions, progress: Progress) -> StrikePlan:
