@@ -37,7 +37,7 @@ MU_GRID = np.geomspace(0.06, 1.8, 19)
 _FINE, _REFINED = 9, 2
 """number of coefficients tried between the neighbours of the best one, and how often"""
 _CREEP = 6e-5
-"""standard deviation [m] of the edge's own smooth motion (contact, an end that slips first) and of the lens's
+"""standard deviation [m] of the edge's own smooth motion (soft contact, slides of one end) and of the lens's
 errors"""
 _WHITE = 5e-6
 """standard deviation [m] of a frame's error beyond the stated one"""
