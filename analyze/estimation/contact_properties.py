@@ -37,8 +37,8 @@ _SCATTERS = np.array([0.0, 0.005, 0.01, 0.02, 0.04, 0.08, 0.16])
 _SCATTER_SCALE = 0.03
 """scale of the exponential prior of that scatter: dry friction repeats to some per cent"""
 _SHARED_SD = 0.025
-"""relative error that all strikes share: the lens's strain, the distance of the centre of mass, and edges that
-slide a little early (simulated strikes are 1 to 3 % low)"""
+"""relative error that all strikes share: the lens's strain, the distance of the centre of mass, and edges
+that slide a little early (simulated strikes are 1 to 3 % low)"""
 _NODES = 15
 """points at which shared errors are tried"""
 _TWO_SIDED, _ONE_SIDED = 3.84, 2.71
