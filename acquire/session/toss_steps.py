@@ -82,24 +82,29 @@ class TossSteps:
     def _record(self) -> events.Event:
         """Record until the object has flown and lies still, or somebody pressed stop.
 
-        The longest time is TOSS_TIMEOUT_S.
+        The longest recorded time is TOSS_TIMEOUT_S; images may arrive late, but not by more than the rest of
+        TOSS_LATE_S.
         """
         opened_ns = int(self._call("window.open")["start_ns"])
         self.begun += 1  # from here on the file may hold images that cannot be made again
         start = time.monotonic()
         flight, end_ns, seen_ns = FlightWatch(), 0, opened_ns
-        while not end_ns and time.monotonic() - start < waits.TOSS_TIMEOUT_S:
+        while not end_ns and (waited_s := time.monotonic() - start) < waits.TOSS_LATE_S:
             time.sleep(0.05)
             if self._call("status")["striker_trouble"] == STOPPED:
                 self._call("window.close")
                 return events.StopRequested(str(StrikerStopped()))
             answer = self._call("watch.latest")
             event = WatchEvent.model_validate(answer["event"]) if answer["event"] else None
-            if event is None or not answer["alive"] or event.time_ns <= seen_ns:
-                continue  # without `analyze watch` the whole time is recorded
-            seen_ns = event.time_ns
-            if flight.is_over(event):
-                end_ns = event.time_ns
+            if event is None or not answer["alive"]:  # without `analyze watch`: record for a fixed time
+                if waited_s > waits.TOSS_TIMEOUT_S:
+                    break
+                continue
+            if event.time_ns > seen_ns:
+                seen_ns = event.time_ns
+                late = event.time_ns - opened_ns > 1e9 * waits.TOSS_TIMEOUT_S
+                if flight.is_over(event) or late:
+                    end_ns = event.time_ns
         found = self._call("window.close", end_ns=end_ns)
         start_ns, end_ns, frames, lost = (int(found[key]) for key in ("start_ns", "end_ns", "frames", "lost"))
         return events.Tossed(events.Recorded(start_ns, end_ns, frames, lost))
@@ -115,7 +120,7 @@ class TossSteps:
             window_end_ns=action.recorded.window_end_ns,
         )
         self.kept += 1
-        self._report(f"{toss_id}: tossed, {action.recorded.frames} frames")
+        self._report(f"{toss_id}: tossed, {counted(action.recorded.frames, 'frame')}")
 
 
 class FlightWatch:

@@ -156,7 +156,7 @@ class StrikesAndTosses(SessionMachine):
         plan: strikes and tosses to carry out.
         target: precision at which the strikes end; None to make every planned strike.
         earlier: strikes made before, in earlier recordings of the plan.
-        only_tosses: True to make no strike.
+        only_tosses: True to make no strike; so it is if every planned strike was made before.
 
     Raises:
         SessionError: the plan has no tosses.
@@ -172,6 +172,8 @@ class StrikesAndTosses(SessionMachine):
     ) -> None:
         if not plan.tosses:
             raise SessionError("the plan has no tosses: plan them with `analyze plan --tosses 3`")
+        made = frozenset[str]() if earlier is None or target is not None else earlier.good
+        only_tosses = only_tosses or all(strike.id in made for strike in plan.strikes)
         super().__init__(plan, None if only_tosses else target, None if only_tosses else earlier)
         self._only_tosses = only_tosses
         self.tosses: TossMachine | None = None

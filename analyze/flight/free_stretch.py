@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 WINDOW_S = 0.1
 """length of the stretches that are tested one by one [s]"""
-_MIN_FRAMES = 7
-"""least number of frames of a stretch"""
+_MIN_FRAMES, _LEAST_SHARE = 7, 0.8
+"""least number of frames of a stretch, and least share of its length that they span"""
 _ACROSS_SD, _DEPTH_SD = 5e-4, 3e-3
 """rough standard deviations of a body's place by the pose of one tag, across and along the view [m]"""
 _MAX_GAP_S, _BRIDGED_S = 0.04, 0.15
@@ -71,7 +71,9 @@ def free_stretch(
     stops = np.searchsorted(time, time + WINDOW_S, side="right")
     for first, stop in enumerate(stops.tolist()):
         part = slice(first, stop)
-        if stop - first < _MIN_FRAMES or np.diff(time[part]).max() > _MAX_GAP_S:
+        if stop - first < _MIN_FRAMES or time[stop - 1] - time[first] < _LEAST_SHARE * WINDOW_S:
+            continue
+        if np.diff(time[part]).max() > _MAX_GAP_S:
             continue
         if _fall_residual(time[part], R[part], origin[part], R_camera_world, prior) < _FREE_RATIO:
             free[part] = True

@@ -122,7 +122,7 @@ def fit_tosses(
         camera: camera that took all frames.
         tags: the object's tags, with the sd of their places.
         tosses: views of each toss, with a first guess of its start.
-        shared: first guess of the unknowns that tosses share; None for the prior's mean.
+        shared: first guess of the unknowns (s,) that tosses share; None for the prior's mean.
         max_steps: number of steps after which the fit ends, converged or not.
     """
     model = FlightModel(body, camera, tags, tosses)

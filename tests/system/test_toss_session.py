@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from acquire.daemon.client import DaemonClient
 from acquire.virtual.toss import TossKind
@@ -22,20 +23,22 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
 
 
 def flights(path: Path) -> list[tuple[int, int]]:
-    """Log times [ns] of begin and end of each span of 0.25 s or more in which the truth falls freely."""
+    """Log times [ns] of begin and end of each span of 0.15 s or more in which the object falls freely."""
     truth = read_truth(path)
-    times = truth.pose_time_ns
-    speed = np.array([pose.linear_velocity for pose in truth.poses])
-    turning = np.array([pose.angular_velocity for pose in truth.poses])
+    times, poses = truth.pose_time_ns, truth.poses
+    turned = Rotation.from_quat(np.array([np.roll(pose.q_world_object_wxyz, -1) for pose in poses]))
+    turning = np.array([pose.angular_velocity for pose in poses])
+    of_com = np.array([pose.linear_velocity for pose in poses])
+    of_com = of_com + np.cross(turning, turned.apply(np.array(truth.body.com_object)))
     step = np.diff(times) * 1e-9
-    # O's origin turns about c: its acceleration is not g, but constant turning speed shows the flight.
-    free = (np.linalg.norm(turning[1:], axis=1) > 2.0) & (step < 0.002) & (np.abs(speed[1:, 2]) < 5.0)
+    falls = np.diff(of_com[:, 2]) / np.maximum(step, 1e-9)
+    free = (step < 0.002) & (np.abs(falls + 9.81) < 2.5)
     spans = [
         (int(times[1:][group[0]]), int(times[1:][group[-1]]))
         for value, each in itertools.groupby(range(len(free)), key=free.__getitem__)
         if value and (group := list(each))
     ]
-    return [span for span in spans if span[1] - span[0] > 250_000_000]
+    return [span for span in spans if span[1] - span[0] > 150_000_000]
 
 
 def run(rig: SessionRig, **options: object) -> Path:

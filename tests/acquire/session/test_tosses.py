@@ -6,12 +6,14 @@ import pytest
 
 from acquire.errors import SessionError
 from acquire.session import actions, events
+from acquire.session.earlier import EarlierStrikes
 from acquire.session.events import Order
 from acquire.session.machine import MAX_FAULTS, State
 from acquire.session.options import SessionOptions
 from acquire.session.toss_steps import FlightWatch
 from acquire.session.tosses import StrikesAndTosses, TossMachine, session_machine
 from schemas.planned_toss import PlannedToss
+from schemas.proto import percuss_pb2 as pb
 from schemas.strike_plan import StrikePlan
 from schemas.strike_result import Verdict
 from schemas.watch_lines import SeenMarker, WatchEvent
@@ -78,6 +80,12 @@ def test_tosses_alone_make_no_strike():
     assert machine.progress == (0, 1)
     machine.handle(events.Placed())
     assert isinstance(machine.handle(RECORDED)[-1], actions.CloseRecording)
+
+
+def test_with_every_strike_made_before_only_tosses_are_left():
+    good = pb.StrikeRecord(plan_strike_id="s1", verdict_code="good")
+    machine = StrikesAndTosses(with_tosses("t1"), earlier=EarlierStrikes(strikes=(good,)))
+    assert machine.handle(events.Started())[-1] == actions.AskToToss(toss("t1"))
 
 
 def test_a_plan_without_tosses_is_a_session_of_strikes():

@@ -122,7 +122,7 @@ def test_a_camera_sees_a_tag_in_every_phase_of_a_turn():
         hold = best_hold(spec, axis)
         assert hold.seen == 1.0
         assert hold.R_world_object @ axis == pytest.approx(SPIN_WORLD, abs=1e-9)
-        marker = next(each for each in spec.marker if each.name == hold.facing)
+        marker = next(each for each in spec.marker if str(each.name) == hold.facing)
         assert (hold.R_world_object @ np.array(marker.T_object_marker)[:3, 2])[1] < -0.7
 
 
