@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 from pydantic import Field, model_validator
 
+from schemas.contact_result import ContactPropertiesResult
 from schemas.contents_result import ContentsResult
 from schemas.document import Document, SparseDocument, Vector3
 from schemas.fixture_result import FixtureResult
@@ -291,6 +292,7 @@ class Result(SparseDocument):
         "frame_times",
         "fixture",
         "contents",
+        "contact_properties",
         "flight",
     )
 
@@ -351,6 +353,10 @@ class Result(SparseDocument):
 
     contents: ContentsResult | None = Field(
         default=None, description="whether something moves inside; not written in older results"
+    )
+    contact_properties: ContactPropertiesResult | None = Field(
+        default=None,
+        description="friction and restitution on the table; not written in older results, or if none is seen",
     )
 
     flight: FlightResult | None = Field(

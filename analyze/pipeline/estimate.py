@@ -20,6 +20,7 @@ from analyze.estimation.agreement import (
 )
 from analyze.estimation.cells import Cells
 from analyze.estimation.checks import Checks
+from analyze.estimation.contact_properties import ContactProperties
 from analyze.estimation.edge_radii import EdgeRadius, RadiusCheck, estimated_radii
 from analyze.estimation.fill_level import FillLevel
 from analyze.estimation.joint import JointSolution
@@ -137,6 +138,8 @@ class Estimate:
     """tests whether the body that tipped is rigid, and its centre of mass by pose"""
     fixture: FixtureEstimate | None = None
     """body that was struck, and errors by their cause, where the object is held in a fixture; else None"""
+    contact: ContactProperties | None = None
+    """friction and restitution on the table; None unless `with_contact_properties` added them"""
     flight: FlightAnswer | None = None
     """answer of the tosses; part of the estimate if it agrees with the strikes; None without a good toss"""
 

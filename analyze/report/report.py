@@ -25,6 +25,7 @@ from analyze.report.summary import DEGREES, filling_rows, robustness_rows
 from analyze.report.toss_rows import TOSS_COLUMNS, toss_lines, toss_rows
 from analyze.report.truth import ShownTruth, shown_truth
 from analyze.report.voxel_map import voxel_figures, voxel_map_text
+from analyze.result.contact import contact_lines, contact_rows
 from analyze.result.contents import contents_lines, pose_rows
 from analyze.result.digits import decimals, number, signed
 from analyze.result.fixture import fixture_lines
@@ -134,6 +135,8 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
             predictions=[figure_element(figure) for figure in prediction_figures(estimate.predictions)],
             warnings=further_warnings(result),
             fixture=fixture_lines(result),
+            contact=contact_lines(result),
+            contact_rows=contact_rows(result),
             missed=[each for each in estimate.predictions if not each.consistent],
             filling=[] if result.filling is None else filling_rows(result.filling),
             robustness=robustness_rows(result.robustness or []),

@@ -9,6 +9,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from analyze.report.toss_rows import TOSS_COLUMNS, toss_lines, toss_rows
+from analyze.result.contact import contact_lines
 from analyze.result.contents import contents_lines, pose_rows
 from analyze.result.digits import ScaledUnit, open_interval, signed, with_interval
 from analyze.result.fixture import fixture_lines
@@ -58,6 +59,7 @@ def render_summary(answer: Answer, console: Terminal | None = None) -> None:
         console.print(line)
     console.print()
     for line in [
+        *contact_lines(result),
         *tilt_lines(result),
         *radius_lines(result),
         *frame_time_lines(result.frame_times, len(recordings) > 1),

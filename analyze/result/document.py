@@ -8,6 +8,7 @@ import numpy as np
 
 from analyze.pipeline.filling import filling_label
 from analyze.result.assessment import assessment
+from analyze.result.contact import contact_document
 from analyze.result.contents import contents_document
 from analyze.result.filling import filling_document, filling_warnings
 from analyze.result.fixture import fixture_document
@@ -80,6 +81,7 @@ def result_document(estimate: Estimate) -> Result:
             frame_times=frame_times or None,
             fixture=fixture_document(estimate.fixture),
             contents=contents_document(estimate.contents, _half_extent(evidence)),
+            contact_properties=contact_document(evidence.spec.name, estimate.contact),
             flight=flight_document(estimate),
             robustness=robustness_documents(estimate) or None,
         )
