@@ -14,13 +14,12 @@ from pydantic import Field, field_validator, model_validator
 from schemas.camera_kind import CAMERA_KINDS, CameraKind, CameraKindName, PixelFormatName
 from schemas.document import Document
 from schemas.rig_limits import ARM_LENGTH_M, COCKED_ANGLE_RAD, VELOCITY_LIMIT_RAD_S, TipSpeeds, tip_speeds
-from schemas.servo_models import SERVO_MODELS, ModelName
+from schemas.servo_models import DEFAULT_MODEL, SERVO_MODELS, ModelName
 from schemas.session_manifest import CameraCalibrationSpec, LevelReading
 from schemas.striker_kind import STRIKER_KINDS, KindName, StrikerKind
 
 MAX_SENSOR_PX = 100_000
 """Largest width and height of a sensor [px]."""
-DEFAULT_MODEL: ModelName = "XM430-W210"
 CURRENT_LIMIT_A = 1.0
 """Current limit unless the rig file gives one or the model takes less [A]."""
 SWING_SHARE = 0.6

@@ -25,6 +25,8 @@ ModelName = Literal[
     "XC330-T288",
 ]
 """models with current-based position control"""
+DEFAULT_MODEL: Final[ModelName] = "XM430-W210"
+"""model where a rig file names none"""
 LEAST_FIRMWARE: Final = 38
 """oldest firmware with the register Bus Watchdog, which stops the arm when the computer fails"""
 
