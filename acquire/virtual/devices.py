@@ -24,6 +24,11 @@ from acquire.virtual.usb_library import FOLDER as USB_FOLDER
 from acquire.virtual.usb_library import library_environment
 
 
+STALL_S = 5.0
+"""time without a frame after which a client opens the virtual camera anew [s]: a second is common while the
+computer is busy, and all images that wait to be drawn would be lost"""
+
+
 @dataclass(frozen=True)
 class DeviceOptions:
     """Choice of a virtual rig: object, seed of everything random, kinds and makes of camera and striker."""
@@ -163,6 +168,7 @@ width = {camera["width"]}
 height = {camera["height"]}
 frame_rate_hz = 120.0
 exposure_us = 1500.0
+stall_s = {STALL_S}  # its images are late while the computer is busy
 
 [camera.calibration]
 width = {camera["width"]}

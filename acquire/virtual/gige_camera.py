@@ -271,6 +271,7 @@ class VirtualGigeCamera:
                 period_ns = round(1e9 / self._habits.pulses_hz)
             exposure_ns = round(settings.exposure_us * 1e3)
             device_time_ns = self.device_clock.now_ns()
+            self._counted.begin_stream()
             while self._is_wanted(run):
                 start_ns = self.device_clock.to_host(device_time_ns)
                 if not self._wait_until_covered(start_ns + exposure_ns, run):
@@ -279,6 +280,7 @@ class VirtualGigeCamera:
                 stamp_ns = device_time_ns + exposure_ns * self._habits.stamps_end
                 self._queue(_Slot(stamp_ns, np.ascontiguousarray(image)), run)
                 device_time_ns += period_ns
+            self._counted.end_stream(self.device_clock.to_host(device_time_ns), exposure_ns, period_ns)
 
     def _queue(self, slot: _Slot, run: int) -> None:
         with self._condition:

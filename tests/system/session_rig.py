@@ -45,6 +45,10 @@ def _ended(process: subprocess.Popen[str]) -> None:
     process.communicate(timeout=60)
 
 
+class PlanRefused(Exception):
+    """No strike can be planned on the rig; the message is that of `analyze plan`."""
+
+
 @dataclass
 class SessionRig:
     """The whole virtual rig: world, camera, daemon, and a plan for its object."""
@@ -80,9 +84,11 @@ class SessionRig:
             "--strikes",
             str(self.strikes),
         ]
-        subprocess.run(
-            [sys.executable, "-m", "analyze", "plan", *plan], check=True, stdout=subprocess.DEVNULL
+        planned = subprocess.run(
+            [sys.executable, "-m", "analyze", "plan", *plan], check=False, capture_output=True, text=True
         )
+        if planned.returncode != 0:
+            raise PlanRefused(planned.stderr.strip().splitlines()[-1])
         usb = library_environment(self.folder / FOLDER) if self.kinds.camera == "usb3" else {}
         self.daemon = Daemon(rig, **usb)
         self.cleanup.callback(self.daemon.end)
