@@ -23,7 +23,6 @@ from acquire.virtual.station import calibration_sheet
 from acquire.virtual.usb_library import FOLDER as USB_FOLDER
 from acquire.virtual.usb_library import library_environment
 
-
 STALL_S = 5.0
 """time without a frame after which a client opens the virtual camera anew [s]: a second is common while the
 computer is busy, and all images that wait to be drawn would be lost"""

@@ -40,8 +40,8 @@ class Pace:
         unsent = ""
         if self.unsent:
             unsent = (
-                f"{counted(self.unsent, 'late image', 'was')} never sent, because the camera was opened anew, "
-                "and count as lost; "
+                f"{counted(self.unsent, 'late image', 'was')} never sent, because the camera was opened "
+                "anew, and count as lost; "
             )
         return (
             f"this computer was too busy: {' and '.join(late)}; {unsent}servo faults, second contacts and "
@@ -57,7 +57,9 @@ def read_pace(folder: Path) -> Pace:
     """
     world, camera = folder / "world.json", folder / "camera.json"
     return Pace(
-        _figure(world, "latest_ms") / 1000, _figure(camera, "latest_ms") / 1000, int(_figure(camera, "unsent"))
+        _figure(world, "latest_ms") / 1000,
+        _figure(camera, "latest_ms") / 1000,
+        int(_figure(camera, "unsent")),
     )
 
 

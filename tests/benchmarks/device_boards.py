@@ -1,4 +1,4 @@
-"""The striker board through all that the rig does with it: check, home, strike, stop.
+"""The striker board through all that the rig does with it: check, home, strike, stop, session.
 
 The board is the virtual one with its arm and a wall, over a pseudo-terminal; `acquire discover` does not
 search for boards.
@@ -19,8 +19,10 @@ from acquire.preflight.board import check_board, read_board
 from acquire.preflight.check import Outcome
 from acquire.striker.base import Striker
 from acquire.striker.kinds import make_striker
+from acquire.virtual.device_kinds import DeviceKinds
 from schemas.rig import StrikerConfig
 from tests.acquire.striker.board_bench import LENGTH, BoardBench
+from tests.benchmarks.device_sessions import session_cell
 
 STILL_RAD_S = 0.15
 """angular speed below which the arm counts as resting [rad/s]"""
@@ -36,7 +38,10 @@ def board_rows() -> Iterator[tuple[str, dict[str, str]]]:
         with TemporaryDirectory() as folder, BoardBench(Path(folder)) as bench:
             bench.board.firmware.senses = senses
             words = "with a contact sensor" if senses == "contact" else "without a sensor"
-            yield f"striker board, {words}", _row(bench)
+            row = _row(bench)
+        if senses == "contact":
+            row["session"] = session_cell(DeviceKinds(striker="serial"))
+        yield f"striker board, {words}", row
 
 
 def _row(bench: BoardBench) -> dict[str, str]:

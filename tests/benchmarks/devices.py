@@ -1,7 +1,8 @@
 """Every make of camera and kind of striker, simulated: what discovery, check and use give.
 
-`make bench-devices` prints two tables. A refusal states its reason. The struck session of each servo, and of
-the striker board, is one strike and one stop; the cameras stream for two seconds. The webcam needs root.
+`make bench-devices` prints two tables. A refusal states its reason. Each device is used by itself, where
+faults are among them: cameras stream for two seconds, strikers strike and stop once. Then each make and model
+has a struck session on the whole virtual rig. The webcam needs root.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from acquire.clock.clock import SystemClock
 from acquire.errors import AcquireError
 from acquire.preflight.stamps import measure_stamp
 from acquire.virtual.camera_makes import MAKES, CameraMake
+from acquire.virtual.device_kinds import DeviceKinds
 from acquire.virtual.gige_camera import VirtualGigeCamera
 from acquire.virtual.gige_faults import USUAL, CameraHabits, GigeFaults
 from acquire.virtual.usb3_features import Usb3Habits, device_id
@@ -34,11 +36,12 @@ from tests.acquire.capture.synthetic_rig import CALIBRATION
 from tests.acquire.virtual.pattern_source import PatternSource
 from tests.benchmarks.device_boards import board_rows
 from tests.benchmarks.device_servos import STEPS, servo_rows
+from tests.benchmarks.device_sessions import session_cell
 from tests.usb_bus import SERIAL, bus_folder, pattern_usb3
 
 ADDRESS = "127.0.0.93"
 FRAMES = 240
-CAMERA_STEPS = ("discover", "open", "stream", "stamps")
+CAMERA_STEPS = ("discover", "open", "stream", "stamps", "session")
 LOCKED = GigeFaults(left_streaming=True, left_locked=True)
 FAULTS = {
     "left streaming": GigeFaults(left_streaming=True),
@@ -57,17 +60,23 @@ USB3 = {
 
 def camera_rows() -> Iterator[tuple[str, dict[str, str]]]:
     """Rows of a table: name of a camera, and what each of CAMERA_STEPS gave."""
-    yield "Aravis's own", _row(USUAL)
-    for make in MAKES.values():
-        yield f"{make.vendor} {make.model}", _row(CameraHabits(make=make))
+    yield "Aravis's own", _row(USUAL) | _session(DeviceKinds())
+    for name, make in MAKES.items():
+        yield f"{make.vendor} {make.model}", _row(CameraHabits(make=make)) | _session(DeviceKinds(make=name))
     for name, faults in FAULTS.items():
         yield f"Mako, {name}", _row(CameraHabits(make=MAKES["mako"], faults=faults))
     yield "Blackfly S, left streaming and locked", _row(CameraHabits(make=MAKES["blackfly-s"], faults=LOCKED))
     for name, usb_habits in USB3.items():
-        yield name, _usb_row(usb_habits)
+        session = _session(DeviceKinds(camera="usb3")) if usb_habits == Usb3Habits() else {}
+        yield name, _usb_row(usb_habits) | session
     with TemporaryDirectory() as folder:
         for pixel_format in CAMERA_KINDS["v4l2"].pixel_formats:
-            yield f"webcam (V4L2), {pixel_format}", _webcam_row(Path(folder), pixel_format)
+            session = _session(DeviceKinds(camera="v4l2")) if pixel_format == "Mono8" else {}
+            yield f"webcam (V4L2), {pixel_format}", _webcam_row(Path(folder), pixel_format) | session
+
+
+def _session(kinds: DeviceKinds) -> dict[str, str]:
+    return {"session": session_cell(kinds)}
 
 
 def _webcam_row(folder: Path, pixel_format: str) -> dict[str, str]:
@@ -150,7 +159,7 @@ def main() -> None:
         table = Table(title, *steps)
         for name, found in rows:
             table.add_row(name, *(found.get(step, "") for step in steps))
-        Console(width=180).print(table)
+        Console(width=200).print(table)
 
 
 if __name__ == "__main__":

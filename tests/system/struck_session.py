@@ -46,12 +46,15 @@ def struck_session(kinds: DeviceKinds, strikes: int = 1) -> StruckSession:
     """Carry out the first `strikes` strikes of a plan, and compare its recording with the truth.
 
     Raises:
-        AssertionError: the session broke off.
+        AssertionError: the session broke off, or the daemon did not stop as ordered.
+        PlanRefused: no strike can be planned on this rig.
     """
     with session_rig(kinds=kinds) as rig:
         _shorten(rig.folder / "plan.json", strikes)
         report = rig.session(lambda text, _done, _total: rig.said.append(text))
         assert not report.aborted, rig.said
+        rig.daemon.end()
+        assert rig.daemon.process.returncode == 0, rig.daemon.complaints
         merge_truth(report.path, Path(rig.world().truth()))
         truth, head = read_truth(report.path), read_head(report.path)
         evidence = read_evidence(head)
