@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from acquire.errors import AcquireError
-from schemas.wording import counted
+from schemas.strike_result import Verdict
 from tests.system.session_rig import PlanRefused
 from tests.system.struck_session import StruckSession, struck_session
 
@@ -39,9 +39,9 @@ def session_cell(kinds: DeviceKinds) -> str:
         except (AssertionError, AcquireError) as reason:
             before.append(f"{reason} (load {os.getloadavg()[0]:.0f})")
             continue
-        if found.phi_errors_rad:
+        if found.phi_errors_rad and not found.lost:
             return "; ".join([described(found), *(f"earlier: {each}" for each in before)])
-        before.append(f"{', '.join(found.verdicts)} (load {os.getloadavg()[0]:.0f})")
+        before.append(f"{described(found)} (load {os.getloadavg()[0]:.0f})")
     return f"FAILED: {'; '.join(before)}"
 
 
@@ -56,7 +56,10 @@ def described(found: StruckSession) -> str:
     )
     delays = ", ".join(f"{delay:+.2f}" for delay in found.delays_ms)
     late = any(abs(delay) > LATE_MS for delay in found.delays_ms)
-    failed = "FAILED: " if any(wrong) or late or found.lost else ""
-    again = len(found.verdicts) - len(found.phi_errors_rad)
-    attempts = f", {counted(again, 'strike')} repeated" if again else ""
-    return f"{failed}{angles}; stamps {delays} ms late; {found.lost} of {found.frames} lost{attempts}"
+    failed = "FAILED: " if any(wrong) or late or found.lost or not angles else ""
+    again = [verdict for verdict in found.verdicts if verdict != Verdict.GOOD.value]
+    unsent = f" ({found.pace.unsent} of them never sent)" if found.pace.unsent else ""
+    return (
+        f"{failed}{angles or 'no good strike'}; stamps {delays or '-'} ms late; "
+        f"{found.lost} of {found.frames} lost{unsent}{'; repeated: ' if again else ''}{', '.join(again)}"
+    )

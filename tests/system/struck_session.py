@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from acquire.virtual.pace import Pace, read_pace
 from acquire.virtual.truth import merge_truth
 from analyze.pipeline.read_evidence import read_evidence, read_head
 from analyze.reading.truth import Truth, read_truth
@@ -32,6 +33,8 @@ class StruckSession:
     """model of the camera, as the recording states it"""
     frames: int
     lost: int
+    pace: Pace
+    """delays of the virtual rig, and images that it never sent"""
     verdicts: tuple[str, ...]
     """verdict of every strike, repeated ones too"""
     phi_errors_rad: tuple[float, ...]
@@ -55,6 +58,8 @@ def struck_session(kinds: DeviceKinds, strikes: int = 1) -> StruckSession:
         assert not report.aborted, rig.said
         rig.daemon.end()
         assert rig.daemon.process.returncode == 0, rig.daemon.complaints
+        rig.camera.terminate()
+        rig.camera.wait(60)
         merge_truth(report.path, Path(rig.world().truth()))
         truth, head = read_truth(report.path), read_head(report.path)
         evidence = read_evidence(head)
@@ -69,6 +74,7 @@ def struck_session(kinds: DeviceKinds, strikes: int = 1) -> StruckSession:
             head.manifest.cameras[0].model or "",
             report.frames,
             report.lost,
+            read_pace(rig.folder),
             tuple(motion.verdict.value for motion in evidence.motions),
             tuple(errors),
             tuple(sds),
