@@ -22,6 +22,9 @@ MAX_SENSOR_PX = 100_000
 """Largest width and height of a sensor [px]."""
 CURRENT_LIMIT_A = 1.0
 """Current limit unless the rig file gives one or the model takes less [A]."""
+UNMEASURED_MASS_SD_KG = 0.1
+"""1 sigma of the effective mass of a striker whose rig file states none [kg]: the published inertia of servos'
+rotors, seen at their horns, is 0.001 to 0.045 kg m², 0.07 kg and more at 0.12 m."""
 SWING_SHARE = 0.6
 """Share of an arm's full acceleration that a swing uses: the rest holds it on the ordered motion."""
 MAX_WAIT_S = 3600.0
@@ -163,7 +166,12 @@ class StrikerConfig(Document):
         le=10,
         description="effective mass at the tip [kg]: moment of inertia / arm length^2",
     )
-    effective_mass_sd_kg: float = Field(default=0.05, ge=0, le=10, description="1 sigma of it")
+    effective_mass_sd_kg: float = Field(
+        default=0.05,
+        ge=0,
+        le=10,
+        description=f"1 sigma of it; {UNMEASURED_MASS_SD_KG:g} where neither is stated",
+    )
     restitution: float = Field(
         default=0.4, ge=0, le=1, description="coefficient of restitution of tip and object"
     )
@@ -270,6 +278,14 @@ class StrikerConfig(Document):
         if model is None or model.most_current_a >= CURRENT_LIMIT_A:
             return data
         return data | {"current_limit_a": model.most_current_a}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _mass_that_nobody_measured(cls, data: Any) -> Any:
+        """Where no effective mass is given, its uncertainty is that of an arm that was not calibrated."""
+        if not isinstance(data, dict) or data.keys() & {"effective_mass_kg", "effective_mass_sd_kg"}:
+            return data
+        return data | {"effective_mass_sd_kg": UNMEASURED_MASS_SD_KG}
 
     @model_validator(mode="after")
     def _current_of_the_model(self) -> Self:
