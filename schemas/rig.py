@@ -14,7 +14,7 @@ from pydantic import Field, field_validator, model_validator
 from schemas.camera_kind import CAMERA_KINDS, CameraKind, CameraKindName, PixelFormatName
 from schemas.document import Document
 from schemas.rig_limits import ARM_LENGTH_M, COCKED_ANGLE_RAD, VELOCITY_LIMIT_RAD_S, TipSpeeds, tip_speeds
-from schemas.servo_models import DEFAULT_MODEL, SERVO_MODELS, ModelName
+from schemas.servo_models import DEFAULT_MODEL, SERVO_MODELS, UNMEASURED_MASS_SD_KG, ModelName
 from schemas.session_manifest import CameraCalibrationSpec, LevelReading
 from schemas.striker_kind import STRIKER_KINDS, KindName, StrikerKind
 
@@ -22,9 +22,6 @@ MAX_SENSOR_PX = 100_000
 """Largest width and height of a sensor [px]."""
 CURRENT_LIMIT_A = 1.0
 """Current limit unless the rig file gives one or the model takes less [A]."""
-UNMEASURED_MASS_SD_KG = 0.1
-"""1 sigma of the effective mass of a striker whose rig file states none [kg]: the published inertia of servos'
-rotors, seen at their horns, is 0.001 to 0.045 kg m², 0.07 kg and more at 0.12 m."""
 SWING_SHARE = 0.6
 """Share of an arm's full acceleration that a swing uses: the rest holds it on the ordered motion."""
 MAX_WAIT_S = 3600.0
@@ -167,10 +164,7 @@ class StrikerConfig(Document):
         description="effective mass at the tip [kg]: moment of inertia / arm length^2",
     )
     effective_mass_sd_kg: float = Field(
-        default=0.05,
-        ge=0,
-        le=10,
-        description=f"1 sigma of it; {UNMEASURED_MASS_SD_KG:g} where neither is stated",
+        default=0.05, ge=0, le=10, description="1 sigma of it; 0.1 kg if neither is stated"
     )
     restitution: float = Field(
         default=0.4, ge=0, le=1, description="coefficient of restitution of tip and object"
@@ -270,22 +264,17 @@ class StrikerConfig(Document):
 
     @model_validator(mode="before")
     @classmethod
-    def _current_that_the_model_takes(cls, data: Any) -> Any:
-        """Where no current limit is given, a small model's is the largest that it takes."""
-        if not isinstance(data, dict) or "current_limit_a" in data:
+    def _what_is_not_stated(cls, data: Any) -> Any:
+        """Assume a small model's largest current, and the effective mass of an arm that nobody measured."""
+        if not isinstance(data, dict):
             return data
+        assumed: dict[str, Any] = {}
+        if not data.keys() & {"effective_mass_kg", "effective_mass_sd_kg"}:
+            assumed["effective_mass_sd_kg"] = UNMEASURED_MASS_SD_KG
         model = SERVO_MODELS.get(data.get("model", DEFAULT_MODEL))
-        if model is None or model.most_current_a >= CURRENT_LIMIT_A:
-            return data
-        return data | {"current_limit_a": model.most_current_a}
-
-    @model_validator(mode="before")
-    @classmethod
-    def _mass_that_nobody_measured(cls, data: Any) -> Any:
-        """Where no effective mass is given, its uncertainty is that of an arm that was not calibrated."""
-        if not isinstance(data, dict) or data.keys() & {"effective_mass_kg", "effective_mass_sd_kg"}:
-            return data
-        return data | {"effective_mass_sd_kg": UNMEASURED_MASS_SD_KG}
+        if model is not None and model.most_current_a < CURRENT_LIMIT_A:
+            assumed["current_limit_a"] = model.most_current_a
+        return assumed | data
 
     @model_validator(mode="after")
     def _current_of_the_model(self) -> Self:

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from schemas.camera_kind import CameraKindName
 
 
+_STRIKER_LINES: Final = {"serial": f"\nspeed_range_m_s = [{SLOWEST_MM_S / 1000}, {FASTEST_MM_S / 1000}]"}
+"""line of section [striker] with the speeds, by kind of striker; none where they follow from the arm"""
+
+
 @dataclass(frozen=True)
 class DeviceKinds:
     """Kinds of camera and striker, with the make of the one and the model of the other."""
@@ -56,9 +60,8 @@ class DeviceKinds:
     @property
     def striker_lines(self) -> str:
         """Lines of section [striker] with the servo's model, or a board's speeds; "" if they are defaults."""
-        if self.striker == "serial":
-            return f"\nspeed_range_m_s = [{SLOWEST_MM_S / 1000}, {FASTEST_MM_S / 1000}]"
-        return "" if self.servo == DEFAULT_MODEL else f'\nmodel = "{self.servo}"'
+        model = "" if self.servo == DEFAULT_MODEL else f'\nmodel = "{self.servo}"'
+        return _STRIKER_LINES.get(self.striker, model)
 
     def camera_address(self, address: str, folder: Path, seed: int) -> str:
         """Address of the camera, as a rig file gives it: IP address, video device or device id.

@@ -25,7 +25,8 @@ from analyze.planning.paper_strikes import paper_strike_plan
 from analyze.planning.plan import PlanRequest, plan_strikes
 from analyze.planning.prepared import PreparedObject, prepare_object
 from analyze.verbs.plan.rig import planned_rig, striker_model
-from schemas.rig import UNMEASURED_MASS_SD_KG, StrikerConfig
+from schemas.rig import StrikerConfig
+from schemas.servo_models import UNMEASURED_MASS_SD_KG
 from tests.analyze.geometry.shapes import spec_of
 from tests.analyze.planning.random_bodies import FAR_TAG
 

@@ -16,7 +16,8 @@ from analyze.planning.prepared import FRICTION
 from analyze.tracking.camera_model import camera_from_spec
 from schemas.document import DocumentError, validate
 from schemas.input_file import read_text
-from schemas.rig import UNMEASURED_MASS_SD_KG, RigConfig, StrikerConfig
+from schemas.rig import RigConfig, StrikerConfig
+from schemas.servo_models import UNMEASURED_MASS_SD_KG
 
 
 @dataclass(frozen=True)
