@@ -46,7 +46,7 @@ def connect(socket: Path | str | None = None) -> DaemonClient:
     from pathlib import Path
 
     from acquire.daemon.client import DaemonClient
-    from schemas.rig import DaemonConfig
+    from schemas.daemon_config import DaemonConfig
 
     return DaemonClient(Path(socket) if socket is not None else DaemonConfig().socket_path())
 
@@ -71,6 +71,6 @@ def connect_console(socket: Path | str | None = None) -> ConsoleClient:
     from pathlib import Path
 
     from acquire.console.web.client import ConsoleClient
-    from schemas.rig import DaemonConfig
+    from schemas.daemon_config import DaemonConfig
 
     return ConsoleClient(Path(socket) if socket is not None else DaemonConfig().socket_path())

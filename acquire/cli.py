@@ -366,7 +366,7 @@ def _device_options(options: dict[str, Any]) -> Any:
 
 def _socket(rig: Path | None) -> Path:
     from acquire.config import read_rig
-    from schemas.rig import DaemonConfig
+    from schemas.daemon_config import DaemonConfig
 
     return read_rig(rig).daemon.socket_path() if rig is not None else DaemonConfig().socket_path()
 

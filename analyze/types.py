@@ -454,3 +454,18 @@ class EquiPlane:
             return self.up
         ahead = np.cross(self.direction, self.up)
         return np.cos(self.facet_rad) * self.up - np.sin(self.facet_rad) * ahead
+
+
+@dataclass(frozen=True)
+class FlightEstimate:
+    """Centre of mass c and shape of the inertia tensor, without its size, from a body's free flights.
+
+    The eight numbers are c in the object frame O [m], and the five of `second_moments.scale_free`.
+    """
+
+    mean: Array
+    """(8,) c (3) [m], then the numbers of the tensor's shape (5)"""
+    covariance: Array
+    """(8, 8) their covariance, with the errors of tag places, camera and the air's law"""
+    tosses: tuple[str, ...] = ()
+    """ids of the tosses used"""

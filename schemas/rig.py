@@ -5,15 +5,21 @@ SI units; unknown keys are refused.
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
 from schemas.camera_kind import CAMERA_KINDS, CameraKind, CameraKindName, PixelFormatName
+from schemas.daemon_config import DaemonConfig
 from schemas.document import Document
-from schemas.rig_limits import ARM_LENGTH_M, COCKED_ANGLE_RAD, VELOCITY_LIMIT_RAD_S, TipSpeeds, tip_speeds
+from schemas.rig_limits import (
+    ARM_LENGTH_M,
+    COCKED_ANGLE_RAD,
+    TABLE_FAR_EDGE_M,
+    VELOCITY_LIMIT_RAD_S,
+    TipSpeeds,
+    tip_speeds,
+)
 from schemas.servo_models import DEFAULT_MODEL, SERVO_MODELS, UNMEASURED_MASS_SD_KG, ModelName
 from schemas.session_manifest import CameraCalibrationSpec, LevelReading
 from schemas.striker_kind import STRIKER_KINDS, KindName, StrikerKind
@@ -331,43 +337,6 @@ class RecorderConfig(Document):
     )
 
 
-class DaemonConfig(Document):
-    """Unix socket on which the daemon, which owns camera and striker, serves `acquire`'s other commands.
-
-    The socket's folder is private to the user.
-    """
-
-    socket: str | None = Field(
-        default=None, description="absolute path; default: in the user's run-time folder"
-    )
-
-    @field_validator("socket")
-    @classmethod
-    def _is_absolute(cls, value: str | None) -> str | None:
-        """The path as given.
-
-        Raises:
-            ValueError: it is relative: `acquire stop` in another folder would not find the daemon.
-        """
-        if value is not None and not value.startswith("/"):
-            raise ValueError(
-                f"should be an absolute path, by which all commands find the daemon, not {value!r}"
-            )
-        return value
-
-    def socket_path(self) -> Path:
-        """Path of the socket: as configured, otherwise percuss/daemon.sock in the user's run-time folder.
-
-        That folder is XDG_RUNTIME_DIR or, without it, /tmp/percuss-UID.
-        """
-        if self.socket is not None:
-            return Path(self.socket)
-        runtime = os.environ.get("XDG_RUNTIME_DIR")
-        fallback = f"/tmp/percuss-{os.getuid()}"  # noqa: S108 - created 0700, ownership checked
-        base = Path(runtime or fallback)
-        return base / "percuss" / "daemon.sock"
-
-
 class RigConfig(Document):
     """Camera, striker, recorder and daemon of a rig, with gravity and table."""
 
@@ -391,6 +360,13 @@ class RigConfig(Document):
         ge=0.001,
         le=10,
         description="smallest friction coefficient between table and object, which plans assume",
+    )
+    table_far_edge_m: float = Field(
+        default=TABLE_FAR_EDGE_M,
+        gt=0,
+        le=10,
+        description="distance of the table's far edge behind the pivot line, in metres: it hides what is "
+        "tossed behind it and lower",
     )
     camera: CameraConfig = Field(
         description="with address and [camera.calibration]: docs/how-to/rig.md shows a whole rig file"

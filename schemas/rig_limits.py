@@ -14,6 +14,8 @@ The fastest strike accelerates over the whole angle from the cocked position.
 """
 ARM_LENGTH_M, COCKED_ANGLE_RAD, VELOCITY_LIMIT_RAD_S = 0.12, -0.6, 8.0
 """Arm length [m], cocked (raised) angle [rad] and speed limit [rad/s] of the nominal striker."""
+TABLE_FAR_EDGE_M = 0.55
+"""Distance of the table's far edge behind the pivot line [m], unless the rig file gives one."""
 MIN_TAG_EDGE_PX = 30.0
 """Smallest mean edge of a tag's black square in the image [px]; narrower tags are lost in some frames."""
 GOOD_TAG_EDGE_PX = 60.0

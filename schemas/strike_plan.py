@@ -1,4 +1,4 @@
-"""The strike plan (JSON, from `analyze plan`): placements, strikes and predicted uncertainty.
+"""The strike plan (JSON, from `analyze plan`): placements, strikes, tosses, predicted uncertainty.
 
 Frames: O is the object's frame, W the world (z up, table z = 0). c is the centre of mass.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 import enum
 import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from pydantic import Field, model_validator
 
@@ -19,11 +19,14 @@ from schemas.document import (
     Matrix3,
     Matrix4,
     Rotation3,
+    SparseDocument,
     Vector3,
     read_text,
     refuse_other_major,
     validate,
 )
+from schemas.planned_toss import PlannedToss
+from schemas.range import Range
 from schemas.tags import MarkerName
 
 if TYPE_CHECKING:
@@ -32,6 +35,8 @@ if TYPE_CHECKING:
 
 FOUND_PLAN_VERSION = "1.1"
 """schema version of plans whose strikes were found in images"""
+TOSS_PLAN_VERSION = "1.2"
+"""schema version of plans with tosses"""
 AIM_ENTRIES = (
     "impact",
     "impact_height_m",
@@ -61,20 +66,6 @@ class Impact(Document):
 
     point: Vector3 = Field(description="point of contact, in metres")
     direction: Vector3 = Field(description="unit vector along the striker's motion")
-
-
-class Range(Document):
-    """Feasible interval of a quantity and the value to aim at.
-
-    The unit is in the name of the entry that holds the range, for example `impulse_n_s`.
-    """
-
-    min: float
-    """smallest feasible value of the quantity"""
-    target: float
-    """value of the quantity to aim at"""
-    max: float
-    """largest feasible value of the quantity"""
 
 
 @dataclass(frozen=True)
@@ -312,11 +303,13 @@ class PlanMethod(enum.Enum):
     IMAGES = "images"
 
 
-class StrikePlan(Document):
-    """Strikes to carry out, with placements and predicted uncertainty (JSON).
+class StrikePlan(SparseDocument):
+    """Strikes and tosses to carry out, with placements and predicted uncertainty (JSON).
 
-    Strike ids are unique in the plan.
+    Ids of strikes and tosses are unique in the plan.
     """
+
+    left_out: ClassVar[tuple[str, ...]] = ("tosses",)
 
     schema_version: str = SCHEMA_VERSION
     method: PlanMethod = PlanMethod.OURS
@@ -324,6 +317,8 @@ class StrikePlan(Document):
     object_sha256: str
     """identity of the object that the plan was made for"""
     strikes: list[PlannedStrike] = Field(min_length=1)
+    tosses: list[PlannedToss] = Field(default=[])
+    """tosses by hand, after the strikes; not written if there are none"""
     predicted_com_covariance_m2: Matrix3 | None = None
     """predicted covariance of c, in O; null if not predicted"""
     predicted_com_sd_m: float | None = Field(default=None, description="root mean square error of c")
@@ -340,6 +335,10 @@ class StrikePlan(Document):
         twice = sorted({i for i in ids if ids.count(i) > 1})
         if twice:
             raise ValueError(f"strike id {twice[0]!r} is used twice")
+        ids += [toss.id for toss in self.tosses]
+        twice = sorted({i for i in ids if ids.count(i) > 1})
+        if twice:
+            raise ValueError(f"toss id {twice[0]!r} is used twice")
         return self
 
     @model_validator(mode="after")

@@ -140,6 +140,19 @@ def write_body(
     writer.write(strikes, frame_time(FRAMES), record.SerializeToString())
 
 
+def write_toss(writer: McapWriter, toss_id: str = "t1.1") -> None:
+    """Write the record of a toss whose window is the whole recording's."""
+    record = pb.TossRecord(
+        toss_id=toss_id,
+        plan_toss_id=toss_id.partition(".")[0],
+        attempt=1,
+        window_start_ns=frame_time(0),
+        window_end_ns=frame_time(FRAMES - 1),
+    )
+    topic = writer.add_topic(topics.SESSION_TOSS)
+    writer.write(topic, frame_time(FRAMES), record.SerializeToString())
+
+
 def write_recording(
     path: Path,
     *,

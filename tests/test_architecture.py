@@ -115,7 +115,7 @@ PURE = {
         "analyze.motion.body_motion",
         "analyze.geometry",
         "analyze.tracking",
-        "analyze.estimation.second_moments",
+        "analyze.geometry.second_moments",
     },
     "analyze/registration": (
         FOUNDATION | {"analyze.registration", "analyze.motion", "analyze.tracking", "analyze.geometry"}

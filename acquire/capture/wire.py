@@ -67,6 +67,7 @@ def small_topics(camera: str) -> dict[str, topics.Topic]:
         topics.CLOCK_SAMPLE,
         topics.SESSION_STATE,
         topics.SESSION_STRIKE,
+        topics.SESSION_TOSS,
         topics.LOG,
     )
     return {topic.name: topic for topic in known}

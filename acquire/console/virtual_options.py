@@ -7,7 +7,9 @@ from typing import Any
 
 import click
 
+from schemas.camera_kind import CameraKindName
 from schemas.servo_models import DEFAULT_MODEL, MODEL_NAMES
+from schemas.striker_kind import STRIKER_KINDS, KindName
 
 CAMERA_MAKES = ("basler-ace", "mako", "alvium-g1", "blackfly-s", "hikrobot", "imaging-source")
 """makes that a virtual GigE camera can take on, listed without loading the virtual rig"""
@@ -92,7 +94,7 @@ def virtual_options(command: Any) -> Any:
     return command
 
 
-def refuse_other_kind(camera: str, make: str | None, striker: str, servo: str) -> None:
+def refuse_other_kind(camera: CameraKindName, make: str | None, striker: KindName, servo: str) -> None:
     """Refuse a make or a model for another kind of device.
 
     Raises:
@@ -100,7 +102,7 @@ def refuse_other_kind(camera: str, make: str | None, striker: str, servo: str) -
     """
     if make is not None and camera != "gige":
         raise click.UsageError(f"--make {make} is a GigE camera: leave --camera {camera} out, or --make")
-    if servo != DEFAULT_MODEL and striker != "dynamixel":
+    if servo != DEFAULT_MODEL and not STRIKER_KINDS[striker].has_servo:
         raise click.UsageError(f"--servo {servo} is no {striker} striker: leave --striker out, or --servo")
 
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from acquire.virtual.station import Station
 
-_FAR_EDGE_M = 0.55
+FAR_EDGE_M = 0.55
 """y of the table's far edge in W [m]"""
 _WALL_M = 1.4
 """y of the wall in W [m]"""
@@ -33,18 +33,9 @@ def backdrop(station: Station, width: int, height: int, rng: np.random.Generator
         height: image height [px].
         rng: generator of the wood's and the wall's texture.
     """
-    pixels = (
-        np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
-        .reshape(-1, 1, 2)
-        .astype(np.float64)
-    )
-    rays = cv2.undistortPoints(pixels, station.K, station.distortion).reshape(height, width, 2)
-    R, p = station.T_world_camera[:3, :3], station.T_world_camera[:3, 3]
-    ray = rays[..., 0, None] * R[:, 0] + rays[..., 1, None] * R[:, 1] + R[:, 2]
-    reach = np.where(ray[..., 2] < -1e-6, -p[2] / np.minimum(ray[..., 2], -1e-6), np.inf)
-    y_table = np.minimum(p[1] + reach * ray[..., 1], 10.0)
-    x_table = np.clip(p[0] + reach * ray[..., 0], -10.0, 10.0)
-    on_table = np.clip((_FAR_EDGE_M - y_table) / 0.01, 0.0, 1.0)
+    p, ray = station.T_world_camera[:3, 3], _rays(station, width, height)
+    x_table, y_table = _on_plane(p, ray)
+    on_table = np.clip((FAR_EDGE_M - y_table) / 0.01, 0.0, 1.0)
     step = (_WALL_M - p[1]) / ray[..., 1]
     x_wall, z_wall = p[0] + step * ray[..., 0], p[2] + step * ray[..., 2]
     # The grain runs along x; far away it is finer than a pixel and fades.
@@ -61,6 +52,38 @@ def backdrop(station: Station, width: int, height: int, rng: np.random.Generator
     near_wall = 1.0 - 0.25 * np.exp(-np.abs(z_wall + 0.05) / 0.02)
     image = on_table * table + (1.0 - on_table) * wall * near_wall
     return np.clip(image, 10.0, 215.0).astype(np.float32)
+
+
+def table_cover(station: Station, width: int, height: int) -> NDArray[np.float32]:
+    """Fraction (height, width) of each pixel of an image of width x height px that shows the table."""
+    _, y_table = _on_plane(station.T_world_camera[:3, 3], _rays(station, width, height))
+    return np.clip((FAR_EDGE_M - y_table) / 0.01, 0.0, 1.0).astype(np.float32)
+
+
+def _rays(station: Station, width: int, height: int) -> NDArray[np.float64]:
+    """Directions (height, width, 3) in W of the pixels' lines of sight."""
+    pixels = (
+        np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
+        .reshape(-1, 1, 2)
+        .astype(np.float64)
+    )
+    rays = cv2.undistortPoints(pixels, station.K, station.distortion).reshape(height, width, 2)
+    R = station.T_world_camera[:3, :3]
+    return rays[..., 0, None] * R[:, 0] + rays[..., 1, None] * R[:, 1] + R[:, 2]
+
+
+def _on_plane(
+    p: NDArray[np.float64], ray: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """X and y (height, width) [m] at which lines of sight meet z = 0, at most 10 m away.
+
+    Args:
+        p: (3,) position of the camera in W [m].
+        ray: (height, width, 3) directions of the lines of sight in W.
+    """
+    reach = np.where(ray[..., 2] < -1e-6, -p[2] / np.minimum(ray[..., 2], -1e-6), np.inf)
+    y_table = np.minimum(p[1] + reach * ray[..., 1], 10.0)
+    return np.clip(p[0] + reach * ray[..., 0], -10.0, 10.0), y_table
 
 
 def _lattice_noise(

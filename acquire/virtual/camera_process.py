@@ -66,7 +66,7 @@ class WorldSource:
     def image(self, start_ns: int, settings: StreamSettings) -> NDArray[np.uint8]:
         """Image (height, width), uint8, of one exposure, cut to the region of the sensor in `settings`.
 
-        It is the mean of 1 to 4 poses during the exposure, which gives motion blur. It is the same however
+        It is the mean of 1 to 8 poses during the exposure, which gives motion blur. It is the same however
         late it is drawn, unless the ring has lost the pose.
 
         Args:

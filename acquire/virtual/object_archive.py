@@ -34,6 +34,7 @@ def save_object(virtual_object: VirtualObject, path: Path) -> None:
             virtual_object.friction,
             virtual_object.camera_distance_m,
             virtual_object.arm_inertia_kg_m2,
+            virtual_object.drag_coefficient,
         ],
         com=body.com_object,
         inertia=body.inertia_com,
@@ -65,7 +66,7 @@ def open_object(name: str, seed: int) -> VirtualObject:
         ends = np.cumsum(data["part_sizes"])[:-1]
         parts = tuple(np.split(data["part_corners"], ends))
         mass, *regions = (float(value) for value in data["masses"])
-        radius, friction, distance, arm = (float(value) for value in data["numbers"])
+        radius, friction, distance, arm, drag = (float(value) for value in data["numbers"])
         return VirtualObject(
             spec=ObjectSpec.model_validate_json(str(data["spec"])),
             spec_toml=str(data["spec_toml"]),
@@ -87,4 +88,5 @@ def open_object(name: str, seed: int) -> VirtualObject:
             drawn_parts=ConvexParts(parts, data["tree"]) if data["drawn"] else None,
             camera_distance_m=distance,
             arm_inertia_kg_m2=arm,
+            drag_coefficient=drag,
         )

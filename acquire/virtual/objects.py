@@ -21,7 +21,7 @@ from acquire.virtual.bottle_shapes import BOTTLES, convex_parts, read_stl
 from acquire.virtual.convex_parts import ConvexParts
 from acquire.virtual.hidden import HiddenBody, box_depth, cylinder_depth, hidden_body, mesh_depth, sample_body
 from acquire.virtual.primitive_meshes import box_mesh, cylinder_mesh
-from acquire.virtual.station import ARM_INERTIA_KG_M2, DISTANCE_M, TABLE_FRICTION
+from acquire.virtual.station import ARM_INERTIA_KG_M2, DISTANCE_M, DRAG_COEFFICIENT, TABLE_FRICTION
 from schemas.object_spec import ObjectSpec, parse_object_spec
 
 if TYPE_CHECKING:
@@ -116,6 +116,8 @@ class VirtualObject:
     """distance of the camera from the pivot line [m]"""
     arm_inertia_kg_m2: float = ARM_INERTIA_KG_M2
     """moment of inertia of the striker's arm about its hinge [kg m2]"""
+    drag_coefficient: float = 1.1
+    """coefficient of the air's pressure on the object's faces in a toss"""
 
 
 def load_object(name: str, seed: int) -> VirtualObject:
@@ -123,8 +125,8 @@ def load_object(name: str, seed: int) -> VirtualObject:
 
     The seed changes each region's mass by up to 5 % (all are then scaled to the fixed total mass), shifts the
     plane that divides the interior by up to 3 mm and turns it by 2.4 degrees (rms), shifts the parcel's balls
-    of mass by up to 3 mm along each axis, and draws the coefficient of friction from TABLE_FRICTION (0.6 to
-    0.8).
+    of mass by up to 3 mm along each axis, and draws the coefficients of friction from TABLE_FRICTION (0.6 to
+    0.8) and of the air's drag from DRAG_COEFFICIENT (1.0 to 1.2).
 
     Args:
         name: one of OBJECT_NAMES.
@@ -142,6 +144,7 @@ def load_object(name: str, seed: int) -> VirtualObject:
     rng = np.random.default_rng((seed, zlib.crc32(name.encode())))
     body = _fill(name, spec, rng)
     friction = float(rng.uniform(*TABLE_FRICTION))
+    drag_coefficient = float(rng.uniform(*DRAG_COEFFICIENT))
     return VirtualObject(
         spec=spec,
         spec_toml=_data(f"{name}.toml").decode(),
@@ -153,6 +156,7 @@ def load_object(name: str, seed: int) -> VirtualObject:
         edge_radius_m=spec.edge_radius_m or 0.0,
         friction=friction,
         body=body,
+        drag_coefficient=drag_coefficient,
     )
 
 

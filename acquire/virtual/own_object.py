@@ -33,7 +33,14 @@ from acquire.virtual.own_masses import default_shell_m, own_body
 from acquire.virtual.own_tags import tag_entries, with_places
 from acquire.virtual.part_hulls import merged_tree
 from acquire.virtual.primitive_meshes import box_mesh, cylinder_mesh
-from acquire.virtual.station import ARM_INERTIA_KG_M2, ARM_LENGTH_M, DISTANCE_M, FOCAL_PX, TABLE_FRICTION
+from acquire.virtual.station import (
+    ARM_INERTIA_KG_M2,
+    ARM_LENGTH_M,
+    DISTANCE_M,
+    DRAG_COEFFICIENT,
+    FOCAL_PX,
+    TABLE_FRICTION,
+)
 from acquire.virtual.tag_places import SIZES_M, tag_places
 from schemas.document import DocumentError, read_text
 from schemas.object_spec import ObjectSpec, parse_object_spec
@@ -324,6 +331,7 @@ def _virtual_object(
         friction=friction if given.friction is None else given.friction,
         body=body,
         drawn_parts=parts,
+        drag_coefficient=float(rng.uniform(*DRAG_COEFFICIENT)),
     )
     _refuse_round_edges(virtual)
     return replace(

@@ -14,8 +14,9 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from acquire.virtual.backdrop import backdrop
-from acquire.virtual.layers import Layer, paint, paint_shadow
+from acquire.virtual.backdrop import FAR_EDGE_M, backdrop, table_cover
+from acquire.virtual.coverage import Box
+from acquire.virtual.layers import Layer, masked, paint, paint_shadow
 from acquire.virtual.lens import Lens
 from acquire.virtual.render_arm import ArmPainter
 from acquire.virtual.render_object import ObjectPainter
@@ -25,7 +26,6 @@ from acquire.virtual.station import ARM_LENGTH_M, HEIGHT_PX, WIDTH_PX
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from acquire.virtual.coverage import Box
     from acquire.virtual.objects import VirtualObject
     from acquire.virtual.station import Station
 
@@ -37,7 +37,7 @@ _SHADOW = 0.38
 """fraction of the light that the object's shadow takes away"""
 _AT_REST = 1e-7
 """change of a pose below which the image stays the same [m, rad]"""
-_STILL_PX, _STEP_PX, MAX_SUBEXPOSURES = 0.15, 0.8, 4
+_STILL_PX, _STEP_PX, MAX_SUBEXPOSURES = 0.15, 0.8, 8
 """motion in the image [px] below which one pose suffices; largest motion between poses [px]; most poses"""
 
 
@@ -70,6 +70,8 @@ class Renderer:
         rng = np.random.default_rng((seed, 0xF0705))
         self._backdrop = backdrop(station, width, height, rng)
         self._blurred_backdrop = _blur(self._backdrop)
+        cover = table_cover(station, width, height)
+        self._table = Layer(Box(0, 0, width, height), cover, cover)
         self._vignette = vignette(width, height)
         self._noise = NoiseBank(rng, width, height)
         low, high = virtual_object.mesh_vertices.min(axis=0), virtual_object.mesh_vertices.max(axis=0)
@@ -122,10 +124,10 @@ class Renderer:
         arm_angle: NDArray[np.float64],
         arm_axis_world: NDArray[np.float64],
     ) -> int:
-        """Number of poses, 1 to 4, that render the motion blur of an exposure.
+        """Number of poses, 1 to 8, that render the motion blur of an exposure.
 
         It is 1 if nothing moves by 0.15 px or more; else at least 2, so many that neighbouring poses are at
-        most 0.8 px apart, but no more than 4. The motion is that of the arm's tip and of the corners of the
+        most 0.8 px apart, but no more than 8. The motion is that of the arm's tip and of the corners of the
         object's bounding box, from the start of the exposure to its end.
 
         Args:
@@ -158,7 +160,8 @@ class Renderer:
         arm, (shadow, item) = self._arm_at(pose[:, 7:]), self._object_at(pose[:, :7])
         if shadow is not None:
             paint_shadow(self._scene, shadow, _SHADOW)
-        for drawn in (arm, item):
+        behind = pose[len(pose) // 2, 1] > FAR_EDGE_M  # a tossed object, behind the arm
+        for drawn in (item, arm) if behind else (arm, item):
             if drawn is not None:
                 paint(self._scene, drawn)
         layers = [found for found in (shadow, arm, item) if found is not None]
@@ -172,7 +175,10 @@ class Renderer:
         if not _same_pose(pose, self._object_pose):
             p, R = pose[:, :3], _rotations(pose[:, 3:])
             middle = len(pose) // 2
-            self._object_layers = self._object.shadow(p[middle], R[middle]), self._object.layer(p, R)
+            drawn = self._object.layer(p, R)
+            if drawn is not None and p[middle, 1] > FAR_EDGE_M:
+                drawn = masked(drawn, [self._table])  # tossed behind the table, which hides what is lower
+            self._object_layers = self._object.shadow(p[middle], R[middle]), drawn
             self._object_pose = pose
         return self._object_layers
 

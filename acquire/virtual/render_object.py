@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from acquire.virtual.backdrop import LIGHT_WORLD
+from acquire.virtual.backdrop import FAR_EDGE_M, LIGHT_WORLD
 from acquire.virtual.layers import Layer, Outline, compose, filled_layer, masked, overlay
 from acquire.virtual.render_mesh import FaceGroup, face_groups
 from acquire.virtual.render_parts import PartGroups
@@ -172,7 +172,7 @@ class ObjectPainter:
 
         The shadow lies on the table: it is the image of the convex hull of the object's vertices, projected
         along the light onto z = 0, and softened by a mean over 9 px along the rows and 5 px along the
-        columns. The layer's light equals its cover and has no meaning.
+        columns. It ends at the table's far edge. The layer's light equals its cover and has no meaning.
 
         Args:
             p_world_object: (3,) position of the object's origin in W, the world frame [m].
@@ -180,6 +180,10 @@ class ObjectPainter:
         """
         points = self._vertices @ R_world_object.T + p_world_object
         points = points - np.maximum(points[:, 2:], 0.0) / LIGHT_WORLD[2] * LIGHT_WORLD
+        if points[:, 1].max() > FAR_EDGE_M:
+            points = _within_table(points[:, :2])
+            if not len(points):
+                return None
         # With clockwise=False, cv2.convexHull runs clockwise in an image whose y points down.
         hull = cv2.convexHull(self._lens.pixels(points).astype(np.float32), clockwise=False)[:, 0].astype(
             np.float64
@@ -277,6 +281,17 @@ class ObjectPainter:
         pixels = self._pixels(group.points, pose)
         outline = Outline(pixels[:, group.start[used]], pixels[:, group.end[used]], step[used], cover[used])
         return filled_layer(outline, self._width, self._height)
+
+
+def _within_table(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Corners (m, 3) of the hull of points (n, 2) on the table's plane [m], cut off at the far edge."""
+    hull = cv2.convexHull(points.astype(np.float32))[:, 0].astype(np.float64)
+    after = np.roll(hull, -1, axis=0)
+    inside = hull[:, 1] <= FAR_EDGE_M
+    crossing = inside != (after[:, 1] <= FAR_EDGE_M)
+    share = (FAR_EDGE_M - hull[crossing, 1:]) / (after[crossing, 1:] - hull[crossing, 1:])
+    cut = np.concatenate([hull[inside], hull[crossing] + share * (after[crossing] - hull[crossing])])
+    return np.column_stack([cut, np.zeros(len(cut))])
 
 
 def _reaches_over(group: FaceGroup, T_object_marker: NDArray[np.float64], size_m: float) -> bool:

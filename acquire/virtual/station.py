@@ -19,6 +19,8 @@ G_M_S2 = 9.81
 TABLE_FRICTION = (0.60, 0.80)
 """range of the coefficient of friction between objects and the strip of fine sandpaper under the pivot
 line"""
+DRAG_COEFFICIENT = (1.0, 1.2)
+"""range of the coefficient of the air's pressure on the faces of an object in flight"""
 WIDTH_PX, HEIGHT_PX = 656, 492
 FOCAL_PX = 1430.0
 DISTANCE_M = 0.55

@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -25,7 +24,9 @@ from scipy.spatial.transform import Rotation
 
 from acquire.errors import AcquireError
 from acquire.virtual.contact_shape import contact_centres
+from acquire.virtual.flight import Flight
 from acquire.virtual.station import ARM_LENGTH_M, G_M_S2, TIP_RADIUS_M
+from acquire.virtual.world_contact import OpenContact, Push
 from acquire.virtual.world_model import ARM_DAMPING, ARM_MASS_KG, TIMESTEP_S, model_xml
 from acquire.virtual.world_state import StrikerContact, WorldState
 
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from acquire.virtual.objects import VirtualObject
+    from acquire.virtual.toss import TossMotion
 
 Motor = Callable[[float, float, int], float]
 """torque on the arm [N m] as a function of its angle [rad], velocity [rad/s] and the world time [ns]"""
@@ -91,12 +93,13 @@ class World:
         self._arm_body = self._model.body("arm").id
         self._object_body = self._model.body("object").id
         self._tip = self._model.geom("tip").id
-        self._push: _Push | None = None
+        self._push: Push | None = None
+        self._flight = Flight(virtual_object, self._model, self._data)
         self._force = np.zeros(6)
         self.time_ns = start_ns
         self._at_rest = False
         self._slow_ticks = 0
-        self._contact: _OpenContact | None = None
+        self._contact: OpenContact | None = None
         self._gap_at_rest = (0.0, -np.inf)
         self._arm_gravity = float(-gravity[2]) * ARM_MASS_KG * ARM_LENGTH_M / 2
         self._data.qpos[7] = arm_angle
@@ -131,6 +134,7 @@ class World:
                 "virtual world: R_world_object is not a rotation matrix: "
                 "give an orthonormal 3 x 3 matrix with determinant +1"
             )
+        self._flight.end()
         data = self._data
         x, y, z, w = Rotation.from_matrix(R).as_quat()
         lowest = float((self._centres @ R[2]).min()) - self._thing.edge_radius_m
@@ -171,7 +175,7 @@ class World:
         impulse = np.array(impulse_world, dtype=float)
         forces = impulse * (weights / (weights.sum() * TICK_NS * 1e-9))[:, None]
         position = np.array(p_world, dtype=float)
-        self._push = _Push(
+        self._push = Push(
             first_ns=self.time_ns,
             forces=deque(forces),
             p_object=_rotate(self._qpos[3:7] * (1, -1, -1, -1), position - self._qpos[0:3]),
@@ -179,6 +183,16 @@ class World:
             impulse=float(np.linalg.norm(impulse)),
             duration_s=duration_s,
         )
+
+    def toss(self, motion: TossMotion, hold_s: float) -> None:
+        """Hold the object still in the air for `hold_s` [s], then toss it; it falls on a cushion.
+
+        The cushion takes the table's place until the next placing, and the arm's tip passes through the
+        object. The air acts on the object in a toss only.
+        """
+        self._flight.begin(motion, self.time_ns + round(hold_s * 1e9))
+        self._model.geom_contype[self._tip] = 0
+        self._push, self._contact, self._at_rest, self._slow_ticks = None, None, True, 0
 
     # --- time
 
@@ -194,6 +208,11 @@ class World:
         The arm may move.
         """
         return self._at_rest
+
+    @property
+    def has_landed(self) -> bool:
+        """True once an object that was tossed has touched the cushion."""
+        return self._flight.touched
 
     def arm(self) -> tuple[float, float]:
         """Arm's angle [rad], 0 hanging, positive towards the world's +x, and its angular velocity [rad/s]."""
@@ -219,7 +238,9 @@ class World:
         torque = self._motor(angle, velocity, self.time_ns)
         reach = _NEAR_M + 2e-3 * ARM_LENGTH_M * abs(velocity)
         gap = self._gap_at_rest[1] - ARM_LENGTH_M * abs(angle - self._gap_at_rest[0])
-        if self._push is None and self._at_rest and gap > reach:
+        if self._flight.under_way:
+            self._tick_toss(torque)
+        elif self._push is None and self._at_rest and gap > reach:
             self._swing(torque)
         else:
             self._tick_near(torque, reach)
@@ -253,6 +274,18 @@ class World:
         else:
             mujoco.mj_step(self._model, data, nstep=_SUBSTEPS)
         self._update_rest(near=near or pushed)
+
+    def _tick_toss(self, torque: float) -> None:
+        """Step one tick of a toss: only the arm while the object is held or lies on the cushion."""
+        if self._flight.release_ns is not None and self.time_ns >= self._flight.release_ns:
+            self._flight.release()
+            self._at_rest, self._slow_ticks = False, 0
+        if self._at_rest:
+            self._swing(torque)
+            return
+        self._data.qfrc_applied[6] = torque
+        self._flight.step(TICK_NS * 1e-9)
+        self._update_rest(near=False)
 
     def _apply_push(self) -> bool:
         """Apply the force of a push under way to the object for this millisecond; True if a force acts.
@@ -324,7 +357,7 @@ class World:
                 continue
             if self._contact is None:
                 first_ns = now_ns - self._contact_age_ns(float(contact.dist))
-                self._contact = _OpenContact(first_ns, 0.0, contact.pos.copy(), now_ns)
+                self._contact = OpenContact(first_ns, 0.0, contact.pos.copy(), now_ns)
             self._contact.impulse += float(self._force[0]) * TIMESTEP_S
             self._contact.last_ns = now_ns
 
@@ -344,41 +377,6 @@ class World:
             self._contact = None
             duration = (contact.last_ns - contact.first_ns) * 1e-9
             self._on_contact(StrikerContact(contact.first_ns, contact.impulse, contact.position, duration))
-
-
-@dataclass
-class _OpenContact:
-    """Contact of the striker's tip that has not ended: first and last touch [ns], impulse so far [N s].
-
-    The times are world time (host monotonic).
-    """
-
-    first_ns: int
-    """world time of first touch [ns]"""
-    impulse: float
-    """impulse so far [N s]"""
-    position: NDArray[np.float64]
-    """(3,) point of first contact in W [m]"""
-    last_ns: int
-    """world time at the end of the last time step with contact [ns]"""
-
-
-@dataclass
-class _Push:
-    """Push by a finger in progress: forces [N] still to be applied, its point, impulse and duration."""
-
-    first_ns: int
-    """world time of its start [ns]"""
-    forces: deque[NDArray[np.float64]]
-    """forces (3,) [N] of the remaining milliseconds"""
-    p_object: NDArray[np.float64]
-    """(3,) point of contact in O, the object's frame [m]"""
-    position: NDArray[np.float64]
-    """(3,) point of contact in W at the start [m]"""
-    impulse: float
-    """magnitude of the total impulse [N s]"""
-    duration_s: float
-    """requested duration [s]"""
 
 
 def _rotate(q_wxyz: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:

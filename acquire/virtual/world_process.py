@@ -334,6 +334,7 @@ def truth_body(virtual_object: VirtualObject, seed: int, table_tilt: tuple[float
         table_tilt_y_rad=table_tilt[1],
         T_camera_world=np.linalg.inv(camera.T_world_camera).ravel(),
         seed=seed,
+        drag_coefficient=virtual_object.drag_coefficient,
     )
 
 

@@ -8,14 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analyze.estimation.joint import (
-    TWO_ERRORS_AS_ONE,
-    JointSolution,
-    MomentModel,
-    solve_joint,
-    widened,
-)
+from analyze.estimation.joint import TWO_ERRORS_AS_ONE, JointSolution, MomentModel, solve_joint
 from analyze.estimation.joint_model import COM, GRAVITY, SECOND
+from analyze.estimation.moment_prior import widened
 from analyze.estimation.priors import ComPrior, SystematicErrors
 from analyze.estimation.refit import Refit, refit_without
 from analyze.estimation.strike_data import whitened

@@ -11,18 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analyze.estimation.joint import (
-    JointSolution,
-    MomentModel,
-    UnitPrior,
-    prior_start,
-    shape_rows,
-    strikes_information,
-)
+from analyze.estimation.joint import JointSolution, MomentModel, prior_start, strikes_information
 from analyze.estimation.joint_model import COM, SECOND
+from analyze.estimation.moment_prior import UnitPrior, shape_rows
 from analyze.estimation.priors import ComPrior
-from analyze.estimation.second_moments import log_cholesky, unit_inertia
 from analyze.estimation.strike_data import whitened
+from analyze.geometry.second_moments import log_cholesky, unit_inertia
 from analyze.types import Array
 
 FIRST_DAMPING, MAX_DAMPING = 1e-4, 1e8

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analyze.estimation.inertia import MAX_MEASURED_SHARE
-from analyze.estimation.joint import MomentPrior, UnitPrior
 from analyze.estimation.mass_properties import AxisInertia, InertialParameters
-from analyze.estimation.second_moments import symmetric_entries, symmetric_matrix
+from analyze.estimation.moment_prior import MomentPrior, UnitPrior
 from analyze.geometry.held_object import HeldObject, KnownBody, point_inertia
 from analyze.geometry.rotations import hat
+from analyze.geometry.second_moments import symmetric_entries, symmetric_matrix
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.types import Array
 

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from analyze.estimation.cells import Cells, moments_about
 from analyze.estimation.centre_of_mass import centre_of_mass_from_joint
-from analyze.estimation.joint import JointSolution, MomentPrior, UnitPrior
+from analyze.estimation.joint import JointSolution
 from analyze.estimation.joint_model import COM
 from analyze.estimation.mass_properties import AxisInertia, InertialParameters
+from analyze.estimation.moment_prior import MomentPrior, UnitPrior
 from analyze.estimation.posterior import TENSOR, Posterior, linear_posterior
 from analyze.estimation.priors import ComPrior, Scale
-from analyze.estimation.second_moments import symmetric_matrix
+from analyze.geometry.second_moments import symmetric_matrix
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.types import Array, EquiPlane
 

@@ -9,15 +9,15 @@ over the mass, per kilogram, about c (second_moments.py); they determine the ine
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from analyze.estimation.joint_model import COM, LENGTHS, SECOND, JointModel
+from analyze.estimation.moment_prior import MomentPrior, UnitPrior, shape_rows
 from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
 from analyze.estimation.scatter import ErrorFactors, estimated_factors
-from analyze.estimation.second_moments import symmetric_entries, unit_inertia
 from analyze.estimation.strike_data import StrikeData, strike_data, whitened
 from analyze.types import Array, EquiPlane
 
@@ -41,33 +41,6 @@ MAX_LOG_STEP = 1.0
 """Largest change of the logarithm of one of the body's lengths in one step."""
 GYRATION_OVER_COM_SD = 0.5
 """Radius of gyration over c's largest prior sd, where no moments are estimated."""
-
-
-@dataclass(frozen=True)
-class UnitPrior:
-    """Prior of the inertia tensor per kilogram, from the shape: mean and sd of each entry [m^2].
-
-    The tensor is about the centre of mass, along the axes of the object frame O.
-    """
-
-    mean: Array
-    """(3, 3) mean [m^2]."""
-    sd: Array
-    """(3, 3) 1 sigma of each entry [m^2]."""
-
-
-MomentPrior = Callable[[Array], UnitPrior]
-"""Prior of the inertia per kilogram as a function of c (3,) [m, in O]."""
-
-
-def widened(prior: MomentPrior, factor: float) -> MomentPrior:
-    """Prior of the inertia per kilogram with `factor` times its standard deviations."""
-
-    def wide(com: Array) -> UnitPrior:
-        shape = prior(com)
-        return UnitPrior(shape.mean, factor * shape.sd)
-
-    return wide
 
 
 @dataclass(frozen=True)
@@ -268,19 +241,6 @@ def strikes_information(rows: Array, weight: Array) -> Array:
     """
     flat = rows.reshape(-1, rows.shape[-1])
     return flat.T @ (flat * np.repeat(weight, 2)[:, None])
-
-
-def shape_rows(shape: UnitPrior, x: Array) -> tuple[Array, Array]:
-    """Difference (6,) of the inertia per kilogram from its prior by the shape, in sd, and its derivative.
-
-    The entries of the tensor are in the order xx, yy, zz, xy, xz, yz; the derivative by the unknowns `x` is
-    (6, count).
-    """
-    J, by = unit_inertia(x[SECOND])
-    sd = symmetric_entries(shape.sd)
-    rows = np.zeros((6, len(x)))
-    rows[:, SECOND] = symmetric_entries(by).T / sd[:, None]
-    return symmetric_entries(J - shape.mean) / sd, rows
 
 
 def prior_information(diagonal: Array, shape: UnitPrior | None, x: Array) -> Array:

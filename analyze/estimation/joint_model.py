@@ -20,7 +20,7 @@ import numpy as np
 
 from analyze.estimation.equiplane import balance_direction
 from analyze.estimation.priors import Scale, SystematicErrors
-from analyze.estimation.second_moments import log_cholesky, unit_inertia
+from analyze.geometry.second_moments import log_cholesky, unit_inertia
 from analyze.types import Array, EquiPlane, RadiusSource
 
 COM = slice(0, 3)

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from analyze.estimation.mass_properties import AxisInertia, InertialParameters
-from analyze.estimation.second_moments import symmetric_entries, symmetric_matrix
+from analyze.geometry.second_moments import symmetric_entries, symmetric_matrix
 from analyze.types import Array, EquiPlane
 from schemas.object_spec import MarkerSpec
 

@@ -29,12 +29,12 @@ from analyze.errors import EstimationError
 from analyze.estimation.cells import Cells
 from analyze.estimation.mass_properties import InertialParameters
 from analyze.estimation.material_prior import log_material_prior
-from analyze.estimation.second_moments import symmetric_entries
 from analyze.estimation.shape_errors import ShapeErrors
 from analyze.estimation.truncated_normal import draw_truncated, shortest_intervals
 from analyze.geometry.object_model import LEVER_ERROR, MODEL_ERROR
 from analyze.geometry.plausible_size import DENSITIES
 from analyze.geometry.polyhedron import MassProperties
+from analyze.geometry.second_moments import symmetric_entries
 from analyze.types import Array
 
 MIN_PROBABILITY = 0.01

@@ -18,7 +18,7 @@ from scipy.special import ndtr
 
 from analyze.estimation.joint import JointSolution
 from analyze.estimation.joint_model import COM, SECOND, JointModel
-from analyze.estimation.second_moments import symmetric_entries, unit_inertia
+from analyze.geometry.second_moments import symmetric_entries, unit_inertia
 from analyze.types import Array
 
 TENSOR = slice(3, 9)

@@ -19,12 +19,13 @@ from dataclasses import replace
 import numpy as np
 
 from analyze.estimation.damped_solve import WeightedProblem
-from analyze.estimation.joint import JointSolution, MomentModel, solve_joint, widened
+from analyze.estimation.joint import JointSolution, MomentModel, solve_joint
 from analyze.estimation.joint_model import COM, SECOND, JointModel
+from analyze.estimation.moment_prior import widened
 from analyze.estimation.posterior import Posterior, derived, linear_posterior, mixture_posterior
 from analyze.estimation.priors import ComPrior, SystematicErrors
 from analyze.estimation.profile_walk import ProfilePoint, walk
-from analyze.estimation.second_moments import symmetric_entries, unit_inertia
+from analyze.geometry.second_moments import symmetric_entries, unit_inertia
 from analyze.types import Array, EquiPlane
 
 MAX_CURVATURE = 0.1

@@ -28,10 +28,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linprog
 
-from analyze.estimation.joint import JointSolution, MomentModel, UnitPrior, solve_joint, widened
+from analyze.estimation.joint import JointSolution, MomentModel, solve_joint
 from analyze.estimation.joint_model import COM, GRAVITY, SECOND
+from analyze.estimation.moment_prior import UnitPrior, widened
 from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
-from analyze.estimation.second_moments import symmetric_entries
+from analyze.geometry.second_moments import symmetric_entries
 from analyze.types import Array, EquiPlane
 
 SIGMAS = 3.0

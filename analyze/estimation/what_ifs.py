@@ -17,8 +17,8 @@ from analyze.estimation.joint_model import COM
 from analyze.estimation.mass_properties import InertialParameters
 from analyze.estimation.posterior import TENSOR, derived
 from analyze.estimation.priors import ComPrior, SystematicErrors
-from analyze.estimation.second_moments import symmetric_entries, symmetric_matrix
 from analyze.geometry.edge_radius import MAX_ASSUMED_RADIUS
+from analyze.geometry.second_moments import symmetric_entries, symmetric_matrix
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.types import TENSOR_ENTRIES, Array, EquiPlane
 

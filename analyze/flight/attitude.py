@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 STEP_RAD = 0.2
 """largest turn of the fastest body in a step of the integration [rad]: an error of some 1e-6 rad"""
 Torque = Callable[["Array", "Array", "Array"], "Array"]
-"""moment (f, 3) in O on f bodies, as a function of their attitudes (f, 4), angular velocities (f, 3) in O
-[rad/s] and times (f,) [s]"""
+"""moment in O on f bodies, (v, f, 3) or (f, 3), as a function of the attitudes (f, 4) and angular velocities
+(f, 3) in O [rad/s] of the first set of unknowns, and of the times (f,) [s]"""
 
 
 def rotated_attitudes(
@@ -27,12 +27,11 @@ def rotated_attitudes(
     inertia: Array,
     time: Array,
     torque: Torque | None = None,
-    torque_factor: Array | None = None,
 ) -> tuple[Array, Array]:
     """Attitudes (v, f, n, 4) and angular velocities (v, f, n, 3) of f bodies, for v sets of unknowns.
 
-    Runge-Kutta of the fourth order, in steps of at most `STEP_RAD`. The torque is computed for the first set
-    of unknowns, and acts on all of them in the object frame.
+    Runge-Kutta of the fourth order, in steps of at most `STEP_RAD`. The torque is that of the middle of each
+    step, for the first set of unknowns; it acts in the object frame.
 
     Args:
         attitude: (v, f, 4) quaternions wxyz from O to W at the first time.
@@ -40,16 +39,12 @@ def rotated_attitudes(
         inertia: (v, 3, 3) tensor in O about the centre of mass; up to its factor where there is no torque.
         time: (f, n) times [s]; equal ones at the end of a shorter motion.
         torque: moment on the bodies, in units of the inertia times rad/s^2; None for torque-free rotation.
-        torque_factor: (v,) factor on the torque for each set of unknowns; None for 1.
     """
     inverse = np.asarray(np.linalg.inv(inertia), dtype=np.float64)
-    factor = np.ones(len(attitude)) if torque_factor is None else torque_factor
 
-    def rates(q: Array, w: Array, t: Array) -> tuple[Array, Array]:
-        moment = cross(np.einsum("vij,vfj->vfi", inertia, w), w)
-        if torque is not None:
-            moment = moment + factor[:, None, None] * torque(q[0], w[0], t)
-        return 0.5 * times_vector(q, w), np.einsum("vij,vfj->vfi", inverse, moment)
+    def rates(q: Array, w: Array, moment: Array | float) -> tuple[Array, Array]:
+        whole = cross(w @ inertia, w) + moment  # the tensors are symmetric
+        return 0.5 * times_vector(q, w), whole @ inverse
 
     path = np.empty((*attitude.shape[:2], time.shape[1], 4))
     spins = np.empty((*attitude.shape[:2], time.shape[1], 3))
@@ -63,10 +58,14 @@ def rotated_attitudes(
         h = step[None, :, None]
         for piece in range(pieces):
             t = time[:, frame - 1] + piece * step
-            q1, w1 = rates(q, w, t)
-            q2, w2 = rates(q + 0.5 * h * q1, w + 0.5 * h * w1, t + 0.5 * step)
-            q3, w3 = rates(q + 0.5 * h * q2, w + 0.5 * h * w2, t + 0.5 * step)
-            q4, w4 = rates(q + h * q3, w + h * w3, t + step)
+            moment = 0.0
+            if torque is not None:
+                halfway = q[0] + 0.25 * h[0] * times_vector(q[0], w[0])
+                moment = torque(halfway, w[0], t + 0.5 * step)
+            q1, w1 = rates(q, w, moment)
+            q2, w2 = rates(q + 0.5 * h * q1, w + 0.5 * h * w1, moment)
+            q3, w3 = rates(q + 0.5 * h * q2, w + 0.5 * h * w2, moment)
+            q4, w4 = rates(q + h * q3, w + h * w3, moment)
             q = q + h / 6 * (q1 + 2 * q2 + 2 * q3 + q4)
             w = w + h / 6 * (w1 + 2 * w2 + 2 * w3 + w4)
             q = q / np.linalg.norm(q, axis=-1, keepdims=True)
@@ -82,9 +81,10 @@ def cross(a: Array, b: Array) -> Array:
 
 def times_vector(q: Array, vector: Array) -> Array:
     """Quaternion (..., 4) times the pure quaternion of a vector (..., 3)."""
-    scalar, part = q[..., :1], q[..., 1:]
-    return np.concatenate(
-        [-np.sum(part * vector, axis=-1, keepdims=True), scalar * vector + cross(part, vector)], axis=-1
+    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    a, b, c = vector[..., 0], vector[..., 1], vector[..., 2]
+    return np.stack(
+        [-x * a - y * b - z * c, w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a], axis=-1
     )
 
 

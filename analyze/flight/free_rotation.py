@@ -24,8 +24,8 @@ from analyze.types import TENSOR_ENTRIES
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from analyze.motion.body_motion import BodyMotion
     from analyze.flight.free_flight import Flight
+    from analyze.motion.body_motion import BodyMotion
     from analyze.types import Array
 
 MIN_THROWS = 8

@@ -26,8 +26,8 @@ from analyze.estimation.joint_model import (
     JointModel,
 )
 from analyze.estimation.priors import ComPrior, SystematicErrors
-from analyze.estimation.second_moments import unit_inertia
 from analyze.estimation.strike_data import strike_data, whitened
+from analyze.geometry.second_moments import unit_inertia
 from analyze.pipeline.equiplanes import equiplanes, with_edge
 from analyze.pipeline.evidence import Evidence
 from analyze.pipeline.solved import SolvedStrikes, usable_motions

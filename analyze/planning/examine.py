@@ -17,6 +17,7 @@ from analyze.planning.pivots import PivotAxis, Swing, phi_spread, swing
 from analyze.planning.precision import FRAME_PX, FRAME_RATE, TrackedSwing, frame_sd, strike_covariances
 from analyze.types import CameraModel
 from schemas.object_spec import ObjectSpec
+from schemas.rig_limits import TABLE_FAR_EDGE_M
 from schemas.strike_plan import Rejection
 
 STEEP_PHI, MAX_PHI = np.radians(50.0), np.radians(65.0)
@@ -44,6 +45,8 @@ class Bench:
     """Frame rate of the camera [Hz]."""
     has_plate: bool = False
     """True if an upright plate that the striker can meet is assumed on the object."""
+    table_far_edge: float = TABLE_FAR_EDGE_M
+    """Distance of the table's far edge behind the pivot line [m]."""
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,8 @@ class LiveRecording:
         self._meta_ns: deque[int] = deque()
         self.strikes: list[pb.StrikeRecord] = []
         """Strikes whose records have arrived."""
+        self.tosses: list[pb.TossRecord] = []
+        """Tosses whose records have arrived."""
 
     def __enter__(self) -> LiveRecording:
         return self
@@ -105,7 +107,8 @@ class LiveRecording:
 
         Returns:
             Two lists, both empty if nothing was written: the new messages that are neither images or frame
-            metadata of the first camera nor strikes' records; and the new strikes' records.
+            metadata of the first camera nor records of strikes or tosses; and the new strikes' records. The
+            records of new tosses are appended to `tosses`.
 
         Raises:
             RecordingError: the file is damaged, not a recording, or of another major schema version.
@@ -122,6 +125,8 @@ class LiveRecording:
                 self._meta_ns.append(message.log_time_ns)
             elif message.topic == topics.SESSION_STRIKE.name:
                 strikes.append(pb.StrikeRecord.FromString(bytes(message.data)))
+            elif message.topic == topics.SESSION_TOSS.name:
+                self.tosses.append(pb.TossRecord.FromString(bytes(message.data)))
             else:
                 small.append(message)
         self.strikes += strikes

@@ -22,6 +22,7 @@ from analyze.reading.indexed_file import IndexedFile, RecordedMessage
 from analyze.reading.indexed_series import IndexedSeries, open_series, series_content_id
 from analyze.reading.recording_head import checked_manifest, parse_plan, shape_attachment
 from analyze.reading.time_range import is_within
+from analyze.reading.topic_info import TopicInfo
 from analyze.reading.video_frame_meta import expand_frame_meta
 from analyze.types import ImageFrame
 from schemas import topics
@@ -30,22 +31,6 @@ from schemas.object_spec import ObjectSpec
 from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import PLAN_ATTACHMENT, RECOVERED_NAME, SEAL_NAME, SessionManifest, TimeSource
 from schemas.strike_plan import StrikePlan
-
-
-@dataclass(frozen=True)
-class TopicInfo:
-    """Message type, number of messages and time span of one topic."""
-
-    name: str
-    """name of the topic"""
-    schema: str
-    """full name of the message type, "" if unknown"""
-    count: int
-    """number of messages"""
-    first_ns: int | None
-    """earliest log time [ns]; None without messages"""
-    last_ns: int | None
-    """latest log time [ns]; None without messages"""
 
 
 @dataclass(frozen=True)
@@ -220,6 +205,15 @@ class Recording:
             RecordingError: a file is damaged.
         """
         return tuple(record for _, record in self.decoded(topics.SESSION_STRIKE.name, pb.StrikeRecord))
+
+    @cached_property
+    def tosses(self) -> tuple[pb.TossRecord, ...]:
+        """TossRecord messages (id, time window) of the tosses carried out, by log time.
+
+        Raises:
+            RecordingError: a file is damaged.
+        """
+        return tuple(record for _, record in self.decoded(topics.SESSION_TOSS.name, pb.TossRecord))
 
     def frame_meta(
         self, camera: str | None = None, start_ns: int | None = None, end_ns: int | None = None

@@ -16,10 +16,10 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from analyze.least_squares.intervals import pooled_freedom
-from analyze.motion.body_motion import BodyMotion
 from analyze.flight.free_flight import Flight, FlightBody, distance_from_parabola, fit_flights
 from analyze.flight.free_rotation import FreeRotation, fit_rotations, tensor_ratios
+from analyze.least_squares.intervals import pooled_freedom
+from analyze.motion.body_motion import BodyMotion
 from analyze.motion.moment_balance import BalancedBody, Contact, balance_moments
 from analyze.progress import Progress, no_progress
 from analyze.types import Array

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analyze.estimation.second_moments import symmetric_matrix
+from analyze.geometry.second_moments import symmetric_matrix
 from analyze.least_squares.intervals import SIGMAS_95
 from schemas.quantity import Quantity
 

@@ -109,7 +109,7 @@ class StrikerEvent(_message.Message):
     def __init__(self, kind: _Optional[_Union[StrikerEvent.Kind, str]] = ..., host_time_ns: _Optional[int] = ..., time_sd_ns: _Optional[float] = ..., strike_id: _Optional[str] = ..., tip_speed_m_s: _Optional[float] = ..., tip_speed_sd_m_s: _Optional[float] = ..., impulse_n_s: _Optional[float] = ..., impulse_sd_n_s: _Optional[float] = ..., text: _Optional[str] = ...) -> None: ...
 
 class SessionState(_message.Message):
-    __slots__ = ("state", "strike_id", "attempt", "text")
+    __slots__ = ("state", "strike_id", "attempt", "text", "toss_id")
     class State(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
         __slots__ = ()
         STATE_UNSPECIFIED: _ClassVar[SessionState.State]
@@ -122,6 +122,7 @@ class SessionState(_message.Message):
         JUDGING: _ClassVar[SessionState.State]
         FINISHED: _ClassVar[SessionState.State]
         ABORTED: _ClassVar[SessionState.State]
+        TOSSING: _ClassVar[SessionState.State]
     STATE_UNSPECIFIED: SessionState.State
     IDLE: SessionState.State
     PLACING: SessionState.State
@@ -132,15 +133,18 @@ class SessionState(_message.Message):
     JUDGING: SessionState.State
     FINISHED: SessionState.State
     ABORTED: SessionState.State
+    TOSSING: SessionState.State
     STATE_FIELD_NUMBER: _ClassVar[int]
     STRIKE_ID_FIELD_NUMBER: _ClassVar[int]
     ATTEMPT_FIELD_NUMBER: _ClassVar[int]
     TEXT_FIELD_NUMBER: _ClassVar[int]
+    TOSS_ID_FIELD_NUMBER: _ClassVar[int]
     state: SessionState.State
     strike_id: str
     attempt: int
     text: str
-    def __init__(self, state: _Optional[_Union[SessionState.State, str]] = ..., strike_id: _Optional[str] = ..., attempt: _Optional[int] = ..., text: _Optional[str] = ...) -> None: ...
+    toss_id: str
+    def __init__(self, state: _Optional[_Union[SessionState.State, str]] = ..., strike_id: _Optional[str] = ..., attempt: _Optional[int] = ..., text: _Optional[str] = ..., toss_id: _Optional[str] = ...) -> None: ...
 
 class StrikeRecord(_message.Message):
     __slots__ = ("strike_id", "plan_strike_id", "attempt", "window_start_ns", "window_end_ns", "contact_time_ns", "contact_time_sd_ns", "tip_speed_command_m_s", "tip_speed_m_s", "verdict_code", "verdict_text", "energy_ratio", "R_world_object", "p_world_object", "impact_height_m", "choice_text")
@@ -178,6 +182,24 @@ class StrikeRecord(_message.Message):
     choice_text: str
     def __init__(self, strike_id: _Optional[str] = ..., plan_strike_id: _Optional[str] = ..., attempt: _Optional[int] = ..., window_start_ns: _Optional[int] = ..., window_end_ns: _Optional[int] = ..., contact_time_ns: _Optional[int] = ..., contact_time_sd_ns: _Optional[float] = ..., tip_speed_command_m_s: _Optional[float] = ..., tip_speed_m_s: _Optional[float] = ..., verdict_code: _Optional[str] = ..., verdict_text: _Optional[str] = ..., energy_ratio: _Optional[float] = ..., R_world_object: _Optional[_Iterable[float]] = ..., p_world_object: _Optional[_Iterable[float]] = ..., impact_height_m: _Optional[float] = ..., choice_text: _Optional[str] = ...) -> None: ...
 
+class TossRecord(_message.Message):
+    __slots__ = ("toss_id", "plan_toss_id", "attempt", "window_start_ns", "window_end_ns", "verdict_code", "verdict_text")
+    TOSS_ID_FIELD_NUMBER: _ClassVar[int]
+    PLAN_TOSS_ID_FIELD_NUMBER: _ClassVar[int]
+    ATTEMPT_FIELD_NUMBER: _ClassVar[int]
+    WINDOW_START_NS_FIELD_NUMBER: _ClassVar[int]
+    WINDOW_END_NS_FIELD_NUMBER: _ClassVar[int]
+    VERDICT_CODE_FIELD_NUMBER: _ClassVar[int]
+    VERDICT_TEXT_FIELD_NUMBER: _ClassVar[int]
+    toss_id: str
+    plan_toss_id: str
+    attempt: int
+    window_start_ns: int
+    window_end_ns: int
+    verdict_code: str
+    verdict_text: str
+    def __init__(self, toss_id: _Optional[str] = ..., plan_toss_id: _Optional[str] = ..., attempt: _Optional[int] = ..., window_start_ns: _Optional[int] = ..., window_end_ns: _Optional[int] = ..., verdict_code: _Optional[str] = ..., verdict_text: _Optional[str] = ...) -> None: ...
+
 class TruthPose(_message.Message):
     __slots__ = ("world_time_ns", "p_world_object", "q_world_object_wxyz", "linear_velocity", "angular_velocity", "striker_angle_rad", "striker_velocity_rad_s")
     WORLD_TIME_NS_FIELD_NUMBER: _ClassVar[int]
@@ -209,7 +231,7 @@ class TruthContact(_message.Message):
     def __init__(self, world_time_ns: _Optional[int] = ..., impulse_n_s: _Optional[float] = ..., p_world_contact: _Optional[_Iterable[float]] = ..., duration_s: _Optional[float] = ...) -> None: ...
 
 class TruthBody(_message.Message):
-    __slots__ = ("mass_kg", "com_object", "inertia_com", "edge_radius_m", "region_mass_kg", "region_plane", "shell_thickness_m", "friction", "table_tilt_x_rad", "table_tilt_y_rad", "T_camera_world", "seed")
+    __slots__ = ("mass_kg", "com_object", "inertia_com", "edge_radius_m", "region_mass_kg", "region_plane", "shell_thickness_m", "friction", "table_tilt_x_rad", "table_tilt_y_rad", "T_camera_world", "seed", "drag_coefficient")
     MASS_KG_FIELD_NUMBER: _ClassVar[int]
     COM_OBJECT_FIELD_NUMBER: _ClassVar[int]
     INERTIA_COM_FIELD_NUMBER: _ClassVar[int]
@@ -222,6 +244,7 @@ class TruthBody(_message.Message):
     TABLE_TILT_Y_RAD_FIELD_NUMBER: _ClassVar[int]
     T_CAMERA_WORLD_FIELD_NUMBER: _ClassVar[int]
     SEED_FIELD_NUMBER: _ClassVar[int]
+    DRAG_COEFFICIENT_FIELD_NUMBER: _ClassVar[int]
     mass_kg: float
     com_object: _containers.RepeatedScalarFieldContainer[float]
     inertia_com: _containers.RepeatedScalarFieldContainer[float]
@@ -234,4 +257,5 @@ class TruthBody(_message.Message):
     table_tilt_y_rad: float
     T_camera_world: _containers.RepeatedScalarFieldContainer[float]
     seed: int
-    def __init__(self, mass_kg: _Optional[float] = ..., com_object: _Optional[_Iterable[float]] = ..., inertia_com: _Optional[_Iterable[float]] = ..., edge_radius_m: _Optional[float] = ..., region_mass_kg: _Optional[_Iterable[float]] = ..., region_plane: _Optional[_Iterable[float]] = ..., shell_thickness_m: _Optional[float] = ..., friction: _Optional[float] = ..., table_tilt_x_rad: _Optional[float] = ..., table_tilt_y_rad: _Optional[float] = ..., T_camera_world: _Optional[_Iterable[float]] = ..., seed: _Optional[int] = ...) -> None: ...
+    drag_coefficient: float
+    def __init__(self, mass_kg: _Optional[float] = ..., com_object: _Optional[_Iterable[float]] = ..., inertia_com: _Optional[_Iterable[float]] = ..., edge_radius_m: _Optional[float] = ..., region_mass_kg: _Optional[_Iterable[float]] = ..., region_plane: _Optional[_Iterable[float]] = ..., shell_thickness_m: _Optional[float] = ..., friction: _Optional[float] = ..., table_tilt_x_rad: _Optional[float] = ..., table_tilt_y_rad: _Optional[float] = ..., T_camera_world: _Optional[_Iterable[float]] = ..., seed: _Optional[int] = ..., drag_coefficient: _Optional[float] = ...) -> None: ...

@@ -13,8 +13,8 @@ from rosbags.rosbag2 import StoragePlugin
 
 from analyze.reproduce.paper.record import ThetaSource, sealed_json
 from analyze.reproduce.paper.session import Sweeps, session_record
-from tests.analyze.importing.foreign_files import images, write_bag
 from tests.analyze.flight.tossed_cube import tossed
+from tests.analyze.importing.foreign_files import images, write_bag
 from tests.analyze.reproduce.test_cube_tosses import CUBE
 from tests.analyze.reproduce.test_cube_tosses import write as write_tosses
 from tests.analyze.reproduce.theta_sessions import theta_session

@@ -12,8 +12,9 @@ from analyze.progress import Progress
 from analyze.reading.file_series import missing_files_text
 from analyze.reading.mcap_contents import read_contents
 from analyze.reading.planned_strikes import PlannedStrikes, planned_strikes
-from analyze.reading.recording import Recording, TopicInfo, open_partial, open_recording
+from analyze.reading.recording import Recording, open_partial, open_recording
 from analyze.reading.recording_file import existing_file, is_growing
+from analyze.reading.topic_info import TopicInfo
 from analyze.verbs.inspect.contents import inspect_contents, out_of_order_lines, time_span, time_table
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
@@ -114,12 +115,14 @@ def _describe(recording: Recording, general: dict[str, Any], *, complete: bool) 
         "clocks": _clocks(recording),
         "time_source": {"kind": manifest.time_source.value, "sd_ns": manifest.time_source_sd_ns},
         "strikes": [_strike(recording, record) for record in recording.strikes],
+        "tosses": [_toss(recording, record) for record in recording.tosses],
         "plan": _plan(recording),
+        "planned_tosses": _planned_tosses(recording),
         "states": [
             {
                 "time_ns": message.log_time_ns,
                 "state": pb.SessionState.State.Name(state.state),
-                "strike_id": state.strike_id,
+                "strike_id": state.strike_id or state.toss_id,
                 "text": state.text,
             }
             for message, state in recording.decoded(topics.SESSION_STATE.name, pb.SessionState)
@@ -166,9 +169,10 @@ def _health(session: dict[str, Any], *, growing: bool) -> list[str]:
                 "and last have no metadata"
             )
     missing = {
-        strike["strike_id"]: strike["images_missing"]
-        for strike in session["strikes"]
-        if strike["images_missing"]
+        each[key]: each["images_missing"]
+        for kind, key in (("strikes", "strike_id"), ("tosses", "toss_id"))
+        for each in session[kind]
+        if each["images_missing"]
     }
     if missing:
         found.append("images missing: " + ", ".join(f"{count} of {name}" for name, count in missing.items()))
@@ -179,6 +183,12 @@ def _health(session: dict[str, Any], *, growing: bool) -> list[str]:
         found.append(
             f"{done.text()}: `analyze plan OBJECT.toml --given {Path(path).name}` plans the strikes worth "
             "adding"
+        )
+    tossed = session["planned_tosses"]
+    if tossed is not None and tossed["missing"] and not growing:
+        found.append(
+            f"{counted(len(tossed['missing']), 'planned toss', 'was')} not made: "
+            f"{', '.join(tossed['missing'])}"
         )
     return found
 
@@ -255,9 +265,35 @@ def _clock(samples: list[pb.ClockSample]) -> dict[str, Any]:
 def _strike(recording: Recording, record: pb.StrikeRecord) -> dict[str, Any]:
     """JSON values of one strike: ids, attempt, time window, contact, speeds, verdict and image counts.
 
-    `images` and `images_missing` are the numbers of images kept and missing in the window.
     `contact_time_ns` and `verdict` are None if they were not recorded.
     """
+    return {
+        "strike_id": record.strike_id,
+        "plan_strike_id": record.plan_strike_id,
+        "attempt": record.attempt,
+        **_window(recording, record),
+        "contact_time_ns": record.contact_time_ns or None,
+        "tip_speed_m_s": record.tip_speed_m_s,
+        "tip_speed_command_m_s": record.tip_speed_command_m_s,
+        "verdict": record.verdict_code or None,
+        "verdict_text": record.verdict_text,
+    }
+
+
+def _toss(recording: Recording, record: pb.TossRecord) -> dict[str, Any]:
+    """JSON values of one toss: ids, attempt, time window, image counts and verdict (None if not recorded)."""
+    return {
+        "toss_id": record.toss_id,
+        "plan_toss_id": record.plan_toss_id,
+        "attempt": record.attempt,
+        **_window(recording, record),
+        "verdict": record.verdict_code or None,
+        "verdict_text": record.verdict_text,
+    }
+
+
+def _window(recording: Recording, record: pb.StrikeRecord | pb.TossRecord) -> dict[str, int]:
+    """Time window of a strike or toss [ns], and the numbers of images kept (`images`) and missing in it."""
     camera = recording.manifest.cameras[0]
     times = recording.times(topics.raw_image(camera.name).name)
     inside = times[(times >= record.window_start_ns) & (times <= record.window_end_ns)]
@@ -265,18 +301,10 @@ def _strike(recording: Recording, record: pb.StrikeRecord) -> dict[str, Any]:
     gaps = np.diff(inside)
     missing = np.rint(gaps[gaps > MIN_GAP_PERIODS * period_ns] / period_ns - 1.0)
     return {
-        "strike_id": record.strike_id,
-        "plan_strike_id": record.plan_strike_id,
-        "attempt": record.attempt,
         "window_start_ns": record.window_start_ns,
         "window_end_ns": record.window_end_ns,
         "images": len(inside),
         "images_missing": int(missing.sum()),
-        "contact_time_ns": record.contact_time_ns or None,
-        "tip_speed_m_s": record.tip_speed_m_s,
-        "tip_speed_command_m_s": record.tip_speed_command_m_s,
-        "verdict": record.verdict_code or None,
-        "verdict_text": record.verdict_text,
     }
 
 
@@ -290,3 +318,18 @@ def _plan(recording: Recording) -> dict[str, Any] | None:
     except RecordingError:
         return None
     return {"planned": list(done.planned), "missing": list(done.missing)}
+
+
+def _planned_tosses(recording: Recording) -> dict[str, Any] | None:
+    """Ids of the plan's tosses (`planned`) and of those that nobody made (`missing`).
+
+    None if the recording contains no readable plan, or one without tosses.
+    """
+    try:
+        planned = [toss.id for toss in recording.plan.tosses]
+    except RecordingError:
+        return None
+    if not planned:
+        return None
+    made = {record.plan_toss_id for record in recording.tosses}
+    return {"planned": planned, "missing": [name for name in planned if name not in made]}

@@ -62,6 +62,9 @@ def render_inspection(found: dict[str, Any], console: Terminal | None = None) ->
         console.print()
         console.print(_strikes(found["strikes"], console.width))
         console.print()
+    if found.get("tosses"):
+        console.print(_tosses(found["tosses"]))
+        console.print()
     plan = found.get("plan")
     if plan is not None and (found["growing"] or not plan["missing"]):
         write(PlannedStrikes(tuple(plan["planned"]), tuple(plan["missing"])).text(so_far=found["growing"]))
@@ -180,6 +183,24 @@ def _strikes(strikes: Sequence[dict[str, Any]], width: int) -> Table:
             *(middle if width >= NARROW_COLUMNS else middle[:1]),
             strike["verdict"] or "-",
             *([strike["verdict_text"]] if room >= LEAST_REASON else []),
+        )
+    return table
+
+
+def _tosses(tosses: Sequence[dict[str, Any]]) -> Table:
+    table = _table()
+    table.add_column("toss", no_wrap=True)
+    for heading in ("images", "missing"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for heading in ("verdict", "reason"):
+        table.add_column(heading)
+    for toss in tosses:
+        table.add_row(
+            toss["toss_id"],
+            str(toss["images"]),
+            str(toss["images_missing"]),
+            toss["verdict"] or "-",
+            toss["verdict_text"],
         )
     return table
 

@@ -100,7 +100,17 @@ def rig_from_text(text: str, name: str) -> PlannedRig:
     tilt = rig.gravity_tilt_sd_rad if rig.level is None else rig.level.towards_x_sd_rad
     errors = SharedErrors(tilt=max(tilt, 1e-6), gravity=max(rig.g_sd_m_s2 / rig.g_m_s2, 1e-7))
     return PlannedRig(
-        Bench(striker, lens, rig.table_friction, rig.g_m_s2, rig.camera.frame_rate_hz), errors, rig, devices
+        Bench(
+            striker,
+            lens,
+            rig.table_friction,
+            rig.g_m_s2,
+            rig.camera.frame_rate_hz,
+            table_far_edge=rig.table_far_edge_m,
+        ),
+        errors,
+        rig,
+        devices,
     )
 
 

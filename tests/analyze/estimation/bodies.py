@@ -12,8 +12,9 @@ import numpy as np
 
 from analyze.estimation.cells import Cells
 from analyze.estimation.inertia import inertial_parameters_from_joint
-from analyze.estimation.joint import MomentModel, MomentPrior, solve_joint
+from analyze.estimation.joint import MomentModel, solve_joint
 from analyze.estimation.mass_properties import InertialParameters
+from analyze.estimation.moment_prior import MomentPrior
 from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
 from analyze.types import Array, EquiPlane, MotionFit
 from schemas.strike_plan import Impact, Pivot, PlannedStrike, Range

@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 
 from analyze.estimation.fixture import fixture_prior, without_fixture
-from analyze.estimation.joint import UnitPrior
 from analyze.estimation.mass_properties import CentreOfMass, InertialParameters
-from analyze.estimation.second_moments import symmetric_entries, symmetric_matrix
+from analyze.estimation.moment_prior import UnitPrior
 from analyze.geometry.held_object import HeldObject, KnownBody
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.geometry.rotations import hat
+from analyze.geometry.second_moments import symmetric_entries, symmetric_matrix
 from tests.analyze.held_session import (
     BASE_CENTRE,
     BASE_SIZE,

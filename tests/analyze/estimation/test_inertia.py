@@ -8,7 +8,7 @@ from analyze.estimation.inertia import edge_inertia, shape_prior
 from analyze.estimation.joint_model import OWN_RADIUS_FRACTION
 from analyze.estimation.paper import distance_from_pivot, paper_axis_inertia
 from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
-from analyze.estimation.second_moments import log_cholesky, nearest_possible, unit_inertia
+from analyze.geometry.second_moments import log_cholesky, nearest_possible, unit_inertia
 from tests.analyze.estimation.bodies import (
     GRAVITY,
     SIX_AXES,

@@ -12,7 +12,7 @@ from analyze.estimation.inertia import shape_prior
 from analyze.estimation.joint import MomentModel, solve_joint
 from analyze.estimation.joint_model import COM, SECOND, JointModel
 from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
-from analyze.estimation.second_moments import unit_inertia
+from analyze.geometry.second_moments import unit_inertia
 from tests.analyze.estimation.bodies import GRAVITY, SIX_AXES, box_body, fit_of, planned_strike, tip
 
 SIZE = (0.08, 0.06, 0.15)

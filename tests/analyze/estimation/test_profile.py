@@ -10,7 +10,7 @@ from analyze.estimation.inertia import inertial_parameters_from_joint
 from analyze.estimation.joint import solve_joint
 from analyze.estimation.posterior import linear_posterior
 from analyze.estimation.profile import profiled_posterior
-from analyze.estimation.second_moments import log_cholesky
+from analyze.geometry.second_moments import log_cholesky
 from tests.analyze.estimation.bodies import SIX_AXES, Body, box_body
 from tests.analyze.estimation.drawn_sessions import (
     BODY,

@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from analyze.errors import EstimationError
-from analyze.motion.body_motion import BodyMotion
 from analyze.flight.free_flight import Flight
 from analyze.flight.free_rotation import fit_rotations, tensor_ratios
+from analyze.motion.body_motion import BodyMotion
 from analyze.motion.moment_balance import tensor
 from analyze.reproduce.cube_tosses import flights
 from tests.analyze.flight.tossed_cube import Cube, tossed

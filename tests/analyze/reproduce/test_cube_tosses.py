@@ -12,9 +12,9 @@ from click.testing import CliRunner
 
 from analyze.cli import main
 from analyze.errors import EstimationError, RecordingError
-from analyze.least_squares.intervals import pooled_freedom, student_sigmas_95
 from analyze.flight.free_flight import FlightBody, fit_flights
 from analyze.flight.free_rotation import fit_rotations
+from analyze.least_squares.intervals import pooled_freedom, student_sigmas_95
 from analyze.motion.moment_balance import BalancedBody, balance_moments
 from analyze.reproduce.cube_tosses import (
     AIR_DRAG,

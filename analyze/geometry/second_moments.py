@@ -66,6 +66,31 @@ def log_cholesky(inertia: Array) -> Array:
     return np.array([np.log(U[i, j]) if i == j else U[i, j] for i, j in TENSOR_ENTRIES])
 
 
+def scale_free(numbers: Array) -> tuple[Array, Array]:
+    """Five numbers of a tensor's shape, without its size, and their derivative (5, 6) by all six `numbers`.
+
+    They are the logarithms of U's entries 22 and 33 over its first one, then U's entries 12, 13, 23 over it.
+
+    Args:
+        numbers: (6,) log-Cholesky numbers, as in `unit_inertia`.
+    """
+    size = np.exp(-numbers[0])
+    shape = np.concatenate([numbers[1:3] - numbers[0], size * numbers[3:]])
+    by = np.zeros((5, 6))
+    by[0, :2], by[1, [0, 2]] = (-1.0, 1.0), (-1.0, 1.0)
+    by[2:, 0] = -shape[2:]
+    by[[2, 3, 4], [3, 4, 5]] = size
+    return shape, by
+
+
+def with_size(shape: Array, log_size: float) -> Array:
+    """Log-Cholesky numbers (6,) of the tensor with the `scale_free` numbers (5,) and a given size.
+
+    `log_size` is the first of the six, the logarithm of U's first entry [m].
+    """
+    return np.concatenate([[log_size], shape[:2] + log_size, np.exp(log_size) * shape[2:]])
+
+
 def nearest_possible(inertia: Array) -> Array:
     """Physically possible inertia tensor (3, 3) nearest to `inertia` (3, 3), in its unit.
 

@@ -1,0 +1,97 @@
+"""Pressure of the air on the panels of a moving body's hull: force and moment per kilogram.
+
+A panel that moves against the air at u, u_n along its outward normal, is pressed by 1/2 rho C u_n^2
+(Newton's law of resistance, Principia 1687, with a free coefficient C); one that moves away from it is not.
+The law is rough: force and moment have a coefficient each, which flights determine, and a second law, with
+|u| u_n instead, shows how much depends on it.
+"""
+
+# scipy is only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from analyze.flight.attitude import cross
+
+if TYPE_CHECKING:
+    from analyze.types import Array
+
+AIR_DENSITY = 1.2
+"""density of the air of a room [kg/m^3]"""
+_PANELS = 100
+"""least number of panels of a hull"""
+
+
+@dataclass(frozen=True)
+class HullPanels:
+    """Flat pieces of a body's convex hull, in the object frame O."""
+
+    points: Array
+    """(p, 3) their centres [m]"""
+    normals: Array
+    """(p, 3) their outward unit normals"""
+    areas: Array
+    """(p,) their areas [m^2]"""
+    oblique: bool = False
+    """True for the second law, by which the air presses more on panels that move obliquely"""
+
+    @property
+    def mean_shadow(self) -> float:
+        """Mean area [m^2] of the hull's shadow: a quarter of its surface (Cauchy 1841)."""
+        return 0.25 * float(self.areas.sum())
+
+    def load(self, velocity: Array, spin: Array, com: Array, mass: float) -> tuple[Array, Array]:
+        """Force (n, 3) [N/kg] and moment about c (n, 3) [N m/kg] of the air, for a coefficient of 1.
+
+        Both are in the object frame O, for n states of the body.
+
+        Args:
+            velocity: (n, 3) velocity of c in O [m/s].
+            spin: (n, 3) angular velocity in O [rad/s].
+            com: (3,) centre of mass c in O [m].
+            mass: mass of the body [kg].
+        """
+        arms = self.points - com
+        moved = velocity[:, None, :] + cross(spin[:, None, :], arms[None])
+        against = np.maximum(np.sum(self.normals * moved, axis=-1), 0.0)
+        speed = np.linalg.norm(moved, axis=-1) if self.oblique else against
+        pressure = (-0.5 * AIR_DENSITY / mass) * self.areas * against * speed
+        return pressure @ self.normals, pressure @ cross(arms, self.normals)
+
+
+def hull_panels(hull_vertices: Array) -> HullPanels:
+    """Panels of the convex hull of points (h, 3) [m], its triangles divided until there are 100 or more.
+
+    Each triangle is divided into k^2 equal ones, with k by its area.
+    """
+    hull = ConvexHull(hull_vertices)
+    corners = hull_vertices[hull.simplices]
+    areas = 0.5 * np.linalg.norm(cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    target = float(areas.sum()) / _PANELS
+    points, normals, pieces = [], [], []
+    for triangle, normal, area in zip(corners, hull.equations[:, :3], areas, strict=True):
+        parts = max(1, int(np.ceil(np.sqrt(area / target))))
+        weights = _barycentric_centres(parts)
+        points.append(weights @ triangle)
+        normals.append(np.tile(normal, (len(weights), 1)))
+        pieces.append(np.full(len(weights), area / len(weights)))
+    return HullPanels(np.concatenate(points), np.concatenate(normals), np.concatenate(pieces))
+
+
+def _barycentric_centres(parts: int) -> Array:
+    """Centres (parts^2, 3), in barycentric coordinates, of the equal triangles into which one is divided."""
+    centres: list[tuple[float, float, float]] = []
+    for i in range(parts):
+        for j in range(parts - i):
+            a, b = (i + 1 / 3) / parts, (j + 1 / 3) / parts
+            centres.append((a, b, 1 - a - b))
+            if j < parts - i - 1:
+                a, b = (i + 2 / 3) / parts, (j + 2 / 3) / parts
+                centres.append((a, b, 1 - a - b))
+    return np.array(centres)

@@ -1,0 +1,317 @@
+"""Corners of a thrown body's tags in the images as a function of body, air, tag places and starts.
+
+c moves under gravity and the air's force; the body rotates by Euler's equations with the air's moment:
+
+    x(t) = x0 + v0 t + g t^2 / 2 + drag,    J w' = T - w x J w,    X_W = x + R (X_O - c)
+
+The tensor J enters by five numbers without its size (`second_moments.scale_free`); its size, which only the
+air's moment knows, is taken from the shape. Frames: O (object), W (world), C (camera).
+"""
+
+# scipy is only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from analyze.flight.air_drag import AIR_DENSITY, HullPanels
+from analyze.flight.attitude import cross, rotated_attitudes, small_rotation
+from analyze.geometry.rotations import hat, matrix_from_vector, matrix_from_wxyz, wxyz_from_matrix
+from analyze.geometry.second_moments import unit_inertia, with_size
+from analyze.tracking.camera_model import project_ideal, project_jacobian, world_to_camera
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from analyze.flight.views import TagSet, TossViews
+    from analyze.types import Array, CameraModel
+
+COM, SHAPE, GRAVITY, DRAG = slice(0, 3), slice(3, 8), slice(8, 11), slice(11, 13)
+"""places among the unknowns: c [m, in O], five numbers of the tensor's shape, gravity [m/s^2, in W],
+coefficients of the air's force and moment"""
+PRESSURE, TAG_SIZE = slice(13, 16), 16
+"""places of the shift of the air's force against where the law has it [m, in O], and of the size of the tags
+over the stated one"""
+FIRST_TAG, TAG_TERMS = 17, 6
+"""place of the first tag's unknowns; of each tag: shift of the centre [m] and turn [rad], in O"""
+TURN, SPIN, PLACE, VELOCITY = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
+"""places among a toss's own unknowns, at its first frame: turn against the first guess [rad, in W], angular
+velocity [rad/s, in O], place of c [m, in W] and its velocity [m/s, in W]"""
+TOSS_TERMS = 12
+"""number of a toss's own unknowns"""
+_STEP = 1e-5
+"""step of the numerical derivatives by spin [rad/s], shape and shift [m]"""
+_DRAG_STEP = 1e-2
+"""step of the numerical derivative by the coefficient of the air's moment"""
+_VARIANTS = 13
+"""number of sets of unknowns: the nominal one, then spin (3), shape (5), air moment, its shift (3) moved"""
+
+
+@dataclass(frozen=True)
+class ThrownBody:
+    """Body as known before its flights: hull, mass, size of the tensor, and gravity."""
+
+    panels: HullPanels
+    """panels of its hull"""
+    mass: float
+    """mass [kg]"""
+    log_size: float
+    """first log-Cholesky number of the tensor per kilogram, by the shape"""
+
+
+@dataclass(frozen=True)
+class TossStart:
+    """First guess of a toss's motion, at its first frame."""
+
+    R_world_object: Array
+    """(3, 3) attitude: rotation from O to W"""
+    spin: Array
+    """(3,) angular velocity in O [rad/s]"""
+    place: Array
+    """(3,) place of c in W [m]"""
+    velocity: Array
+    """(3,) velocity of c in W [m/s]"""
+
+    @property
+    def numbers(self) -> Array:
+        """Unknowns (12,) of the toss at this start."""
+        return np.concatenate([np.zeros(3), self.spin, self.place, self.velocity])
+
+    @staticmethod
+    def at(path: FlightPath, frame: int) -> TossStart:
+        """Start at a frame of a fitted motion."""
+        return TossStart(
+            path.R_world_object[frame], path.spin[frame], path.place[frame], path.velocity[frame]
+        )
+
+    def moved(self, own: Array) -> TossStart:
+        """Start with the unknowns (12,) of a fit that began here."""
+        attitude = matrix_from_vector(own[TURN]) @ self.R_world_object
+        return TossStart(attitude, own[SPIN], own[PLACE], own[VELOCITY])
+
+
+@dataclass(frozen=True)
+class FlightPath:
+    """Motion of a thrown body at n times, with derivatives by the unknowns that have no closed form."""
+
+    R_world_object: Array
+    """(n, 3, 3) attitudes"""
+    spin: Array
+    """(n, 3) angular velocity in O [rad/s]"""
+    place: Array
+    """(n, 3) place of c in W [m]"""
+    velocity: Array
+    """(n, 3) its velocity in W [m/s]"""
+    turns: Array
+    """(n, 3, 12) turn in W [rad] by spin (3), shape (5), coefficient of the air's moment, its shift (3)"""
+    drag: Array
+    """(n, 3) displacement of c in W [m] by the air, for a coefficient of 1"""
+
+
+def fly(
+    body: ThrownBody, bases: Array, shared: Array, own: Array, times: Sequence[Array]
+) -> list[FlightPath]:
+    """Motions of a body in f tosses with given unknowns.
+
+    Args:
+        body: hull, mass and size.
+        bases: (f, 3, 3) attitudes of the first guesses at the first times.
+        shared: unknowns of the body, at least (16,), in the order of `COM` to `PRESSURE`.
+        own: (f, 12) unknowns of the tosses.
+        times: times (n,) of each toss, from the first on [s].
+    """
+    attitude = wxyz_from_matrix(matrix_from_vector(own[:, TURN]) @ bases)
+    spin = np.tile(own[:, SPIN], (_VARIANTS, 1, 1))
+    spin[1:4] += _STEP * np.eye(3)[:, None, :]
+    shape = np.tile(shared[SHAPE], (_VARIANTS, 1))
+    shape[4:9] += _STEP * np.eye(5)
+    inertia = np.array([unit_inertia(with_size(each, body.log_size))[0] for each in shape])
+    factor = np.full((_VARIANTS, 1, 1), shared[DRAG][1])
+    factor[9] += _DRAG_STEP
+    shift = np.tile(shared[PRESSURE], (_VARIANTS, 1, 1))
+    shift[10:, 0] += _STEP * np.eye(3)
+    velocity = _slowed(body, shared, own, np.array([time[-1] for time in times]))
+
+    def torque(q: Array, w: Array, t: Array) -> Array:
+        in_object = np.einsum("fji,fj->fi", matrix_from_wxyz(q), velocity(t[:, None])[:, 0])
+        force, moment = body.panels.load(in_object, w, shared[COM], body.mass)
+        return factor * (moment + cross(shift, force))
+
+    longest = max(map(len, times))
+    padded = np.array([np.append(time, [time[-1]] * (longest - len(time))) for time in times])
+    with np.errstate(over="ignore", invalid="ignore"):  # a step too far, which the fit takes back
+        path, spins = rotated_attitudes(np.tile(attitude, (_VARIANTS, 1, 1)), spin, inertia, padded, torque)
+    velocities = velocity(padded)
+    return [
+        _path(body, shared, own[i], time, path[:, i, : len(time)], spins[0, i, : len(time)], velocities[i])
+        for i, time in enumerate(times)
+    ]
+
+
+def _path(
+    body: ThrownBody, shared: Array, own: Array, time: Array, attitudes: Array, spin: Array, velocity: Array
+) -> FlightPath:
+    """Motion of one toss, from the attitudes (v, n, 4) of all sets of unknowns.
+
+    Args:
+        body: hull and mass.
+        shared: unknowns of the body.
+        own: (12,) unknowns of the toss.
+        time: (n,) times [s].
+        attitudes: (v, n, 4) quaternions wxyz from O to W.
+        spin: (n, 3) angular velocity in O [rad/s].
+        velocity: (n or more, 3) velocity of c in W for the air's load [m/s].
+    """
+    R = matrix_from_wxyz(attitudes[0])
+    in_object = np.einsum("nji,nj->ni", R, velocity[: len(time)])
+    force = body.panels.load(in_object, spin, shared[COM], body.mass)[0]
+    slowing = CubicSpline(time, np.nan_to_num(np.einsum("nij,nj->ni", R, force))).antiderivative()
+    drag = slowing.antiderivative()(time)
+    steps = np.array([*[_STEP] * 8, _DRAG_STEP, *[_STEP] * 3])
+    turns = np.einsum("nij,knj->nik", R, small_rotation(attitudes[1:], attitudes[0])) / steps
+    place = own[PLACE] + np.outer(time, own[VELOCITY]) + 0.5 * np.outer(time**2, shared[GRAVITY])
+    speed = own[VELOCITY] + np.outer(time, shared[GRAVITY]) + shared[DRAG][0] * slowing(time)
+    return FlightPath(R, spin, place + shared[DRAG][0] * drag, speed, turns, drag)
+
+
+def _slowed(body: ThrownBody, shared: Array, own: Array, ends: Array) -> Callable[[Array], Array]:
+    """Velocity of c in W [m/s] in f tosses, for the air's load: slowed as by a mean shadow's drag.
+
+    A body that tumbles shows its mean shadow; Newton's law presses it on average with half the coefficient.
+
+    Args:
+        body: hull and mass.
+        shared: unknowns of the body.
+        own: (f, 12) unknowns of the tosses.
+        ends: (f,) last times [s].
+
+    Returns:
+        Function from times (f, n) [s] to velocities (f, n, 3).
+    """
+    slowing = 0.25 * AIR_DENSITY * shared[DRAG][0] * body.panels.mean_shadow / body.mass
+    step = ends[:, None] / 15.0
+
+    def change(v: Array) -> Array:
+        return shared[GRAVITY] - slowing * np.linalg.norm(v, axis=1, keepdims=True) * v
+
+    path = [own[:, VELOCITY]]
+    for _ in range(15):
+        path.append(path[-1] + step * change(path[-1] + 0.5 * step * change(path[-1])))
+    # A polynomial in the share of the flight.
+    share = np.linspace(0.0, 1.0, 16)
+    powers = np.linalg.lstsq(share[:, None] ** np.arange(5), np.array(path).reshape(16, -1), rcond=None)[0]
+    powers = powers.reshape(5, len(own), 3)
+
+    def at(t: Array) -> Array:
+        return np.einsum("fnp,pfi->fni", (t / ends[:, None])[..., None] ** np.arange(5), powers)
+
+    return at
+
+
+class FlightModel:
+    """Expected corners of all tosses' views, in order, and their derivatives by all unknowns.
+
+    The unknowns x (count,) are those of the body and the tags, `FIRST_TAG` + 6 per tag, then 12 per toss.
+
+    Args:
+        body: hull, mass and size of the body.
+        camera: camera that took all frames.
+        tags: the object's tags.
+        tosses: views of each toss, with the first guess of its start.
+    """
+
+    def __init__(
+        self,
+        body: ThrownBody,
+        camera: CameraModel,
+        tags: TagSet,
+        tosses: Sequence[tuple[TossViews, TossStart]],
+    ) -> None:
+        self.body = body
+        self.tosses = tosses
+        self.tags = tags
+        self.shared = FIRST_TAG + TAG_TERMS * len(tags.names)
+        self.count = self.shared + TOSS_TERMS * len(tosses)
+        self._camera = camera
+
+    def own(self, toss: int) -> slice:
+        """Places of a toss's own unknowns among all, by its number."""
+        start = self.shared + TOSS_TERMS * toss
+        return slice(start, start + TOSS_TERMS)
+
+    def paths(self, x: Array) -> list[FlightPath]:
+        """Motion in each toss, at the times of its frames, with the unknowns x (count,)."""
+        bases = np.array([start.R_world_object for _, start in self.tosses])
+        own = x[self.shared :].reshape(-1, TOSS_TERMS)
+        return fly(self.body, bases, x, own, [views.seconds for views, _ in self.tosses])
+
+    def corners(self, x: Array) -> Array:
+        """Corners (k, 4, 3) of the tags in the object frame O [m], with the unknowns x (count,)."""
+        terms = x[FIRST_TAG : self.shared].reshape(-1, TAG_TERMS)
+        centres = self.tags.centres[:, None, :]
+        arms = x[TAG_SIZE] * (self.tags.corners - centres)
+        turned = np.einsum("kij,kcj->kci", matrix_from_vector(terms[:, 3:]), arms)
+        return centres + terms[:, None, :3] + turned
+
+    def __call__(self, x: Array) -> tuple[Array, Array]:
+        """Expected corners (rows,) [ideal px] and derivatives (rows, count); a view has 8 rows, x and y."""
+        expected: list[Array] = []
+        derivatives: list[Array] = []
+        for number, path in enumerate(self.paths(x)):
+            pixels, by = self._toss(x, number, path)
+            expected.append(pixels)
+            derivatives.append(by)
+        return np.concatenate(expected), np.concatenate(derivatives)
+
+    def _toss(self, x: Array, number: int, path: FlightPath) -> tuple[Array, Array]:
+        views, _ = self.tosses[number]
+        R_camera_world, p_camera_world = world_to_camera(self._camera)
+        time = views.seconds[views.frame]
+        corners = self.corners(x)[views.tag]
+        R = path.R_world_object[views.frame]
+        arms = np.einsum("mij,mcj->mci", R, corners - x[COM])
+        in_camera = (path.place[views.frame][:, None, :] + arms) @ R_camera_world.T + p_camera_world
+        pixels = project_ideal(self._camera, in_camera)
+        into = np.einsum("mcij,jk->mcik", project_jacobian(self._camera, in_camera), R_camera_world)
+        by = np.zeros((*pixels.shape, self.count))
+        by_turn = -np.einsum("mcij,mcjk->mcik", into, hat(arms))
+        own = self.own(number)
+        by[..., own][..., TURN] = by_turn @ _left_jacobian(x[own][TURN])
+        by[..., own][..., PLACE] = into
+        by[..., own][..., VELOCITY] = time[:, None, None, None] * into
+        numeric = np.einsum("mcij,mjk->mcik", by_turn, path.turns[views.frame])
+        by[..., own][..., SPIN] = numeric[..., :3]
+        by[..., SHAPE] = numeric[..., 3:8]
+        by[..., DRAG] = np.stack(
+            [np.einsum("mcij,mj->mci", into, path.drag[views.frame]), numeric[..., 8]], axis=-1
+        )
+        by[..., GRAVITY] = 0.5 * time[:, None, None, None] ** 2 * into
+        into_object = np.einsum("mcij,mjk->mcik", into, R)
+        by[..., PRESSURE] = numeric[..., 9:]
+        by[..., COM] = -numeric[..., 9:] - into_object
+        self._by_tags(x, views.tag, into_object, by)
+        return pixels.ravel(), by.reshape(-1, self.count)
+
+    def _by_tags(self, x: Array, tag: Array, into_object: Array, by: Array) -> None:
+        """Fill in the derivatives (m, 4, 2, count) of the views' corners by the tags' size, place, turn."""
+        terms = x[FIRST_TAG : self.shared].reshape(-1, TAG_TERMS)
+        arms = self.corners(x) - self.tags.centres[:, None, :] - terms[:, None, :3]
+        by[..., TAG_SIZE] = np.einsum("mcij,mcj->mci", into_object, arms[tag]) / x[TAG_SIZE]
+        for number in range(len(self.tags.names)):
+            seen = tag == number
+            first = FIRST_TAG + TAG_TERMS * number
+            by[seen, ..., first : first + 3] = into_object[seen]
+            turn = -np.einsum("mcij,cjk->mcik", into_object[seen], hat(arms[number]))
+            by[seen, ..., first + 3 : first + 6] = turn @ _left_jacobian(terms[number, 3:])
+
+
+def _left_jacobian(vector: Array) -> Array:
+    """Turn (3, 3) in the fixed frame per change of a small rotation vector (3,) [rad], to second order."""
+    K = hat(vector)
+    return np.eye(3) + 0.5 * K + K @ K / 6.0

@@ -1,0 +1,54 @@
+"""Outcome of one toss in a result: verdict, and the figures behind it."""
+
+from __future__ import annotations
+
+import enum
+
+from pydantic import Field
+
+from schemas.document import Document
+
+
+class TossVerdict(enum.Enum):
+    """Outcome of a toss: good, or the reason why it is not used."""
+
+    GOOD = "good"
+    SLOW = "slow"
+    """spins too slowly"""
+    SHORT = "short"
+    """too short in the air, or in view"""
+    PRINCIPAL_AXIS = "principal_axis"
+    """spins about a principal axis of inertia, which tells nothing about the others"""
+    NOT_FREE = "not_free"
+    """no free flight in the images"""
+    MARKER_LOST = "marker_lost"
+    """markers in view in too few frames of the flight"""
+    MISFIT = "misfit"
+    """does not move like one rigid body"""
+    EXCLUDED = "excluded"
+    """left out by the user"""
+    UNREADABLE = "unreadable"
+    """images cannot be used"""
+
+
+class TossResult(Document):
+    """One toss: verdict and reason, and how it flew."""
+
+    id: str
+    """id of the toss in the recording"""
+    plan_toss_id: str
+    """id of the planned toss"""
+    verdict: TossVerdict
+    """outcome of the toss"""
+    reason: str
+    """explanation of the verdict, with the figures behind it"""
+    used: bool
+    """true if the estimate uses the toss"""
+    flight_s: float | None = Field(default=None, ge=0, description="time in free flight and in view")
+    turns_per_s: float | None = Field(default=None, ge=0, description="mean spin in turns a second")
+    principal_axis_angle_rad: float | None = Field(
+        default=None, ge=0, description="angle between the spin and the nearest principal axis of inertia"
+    )
+    residual_px: float | None = Field(
+        default=None, ge=0, description="rms difference between the markers' corners and the fitted flight"
+    )
