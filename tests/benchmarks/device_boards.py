@@ -9,7 +9,8 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -32,16 +33,23 @@ WATCH_S = 1.5
 """time for which the arm is watched after a stop [s]"""
 
 
-def board_rows() -> Iterator[tuple[str, dict[str, str]]]:
-    """Rows of a table: name of a board, and what each step gave; the one that fails is the last."""
-    for senses in ("contact", "none"):
-        with TemporaryDirectory() as folder, BoardBench(Path(folder)) as bench:
-            bench.board.firmware.senses = senses
-            words = "with a contact sensor" if senses == "contact" else "without a sensor"
-            row = _row(bench)
-        if senses == "contact":
-            row["session"] = session_cell(DeviceKinds(striker="serial"))
-        yield f"striker board, {words}", row
+def board_rows() -> Iterator[tuple[str, Callable[[], dict[str, str]]]]:
+    """Rows of a table: name of a board, and a function that finds out what each step gives.
+
+    The step that fails is the last.
+    """
+    yield "striker board, with a contact sensor", partial(_row_and_session, "contact")
+    yield "striker board, without a sensor", partial(_bench_row, "none")
+
+
+def _row_and_session(senses: str) -> dict[str, str]:
+    return _bench_row(senses) | {"session": session_cell(DeviceKinds(striker="serial"))}
+
+
+def _bench_row(senses: str) -> dict[str, str]:
+    with TemporaryDirectory() as folder, BoardBench(Path(folder)) as bench:
+        bench.board.firmware.senses = senses
+        return _row(bench)
 
 
 def _row(bench: BoardBench) -> dict[str, str]:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from unittest import mock
@@ -38,16 +39,20 @@ USED: tuple[tuple[str, Mapping[str, int]], ...] = (
 STEPS = ("discover", "check", "home", "strike", "stop", "session")
 
 
-def servo_rows() -> Iterator[tuple[str, dict[str, str]]]:
-    """Rows of a table: name of a servo, and what each of STEPS gave.
+def servo_rows() -> Iterator[tuple[str, Callable[[], dict[str, str]]]]:
+    """Rows of a table: name of a servo, and a function that finds out what each of STEPS gives.
 
     A step that fails is the last of its row, with the reason.
     """
     for model in SERVO_MODELS:
-        yield model, _row(model, {}) | {"session": session_cell(DeviceKinds(servo=model))}
+        yield model, partial(_row_and_session, model)
     for name, memory in USED:
-        yield f"XM430-W210, {name}", _row("XM430-W210", memory)
-    yield "AX-12 (protocol 1)", _old()
+        yield f"XM430-W210, {name}", partial(_row, "XM430-W210", memory)
+    yield "AX-12 (protocol 1)", _old
+
+
+def _row_and_session(model: ModelName) -> dict[str, str]:
+    return _row(model, {}) | {"session": session_cell(DeviceKinds(servo=model))}
 
 
 def _row(model: ModelName, memory: Mapping[str, int]) -> dict[str, str]:

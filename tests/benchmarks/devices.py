@@ -8,10 +8,12 @@ has a struck session on the whole virtual rig. The webcam needs root.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import click
 import pytest
 from rich.console import Console
 from rich.table import Table
@@ -39,6 +41,8 @@ from tests.benchmarks.device_servos import STEPS, servo_rows
 from tests.benchmarks.device_sessions import session_cell
 from tests.usb_bus import SERIAL, bus_folder, pattern_usb3
 
+MakeRow = Callable[[], dict[str, str]]
+"""function that uses a device; returns what each step gave"""
 ADDRESS = "127.0.0.93"
 FRAMES = 240
 CAMERA_STEPS = ("discover", "open", "stream", "stamps", "session")
@@ -58,28 +62,37 @@ USB3 = {
 }
 
 
-def camera_rows() -> Iterator[tuple[str, dict[str, str]]]:
-    """Rows of a table: name of a camera, and what each of CAMERA_STEPS gave."""
-    yield "Aravis's own", _row(USUAL) | _session(DeviceKinds())
-    for name, make in MAKES.items():
-        yield f"{make.vendor} {make.model}", _row(CameraHabits(make=make)) | _session(DeviceKinds(make=name))
+def camera_rows() -> Iterator[tuple[str, MakeRow]]:
+    """Rows of a table: name of a camera, and a function that finds out what each of CAMERA_STEPS gives."""
+    yield "Aravis's own", lambda: _row(USUAL) | _session(DeviceKinds())
+    for make, known in MAKES.items():
+        kinds, habits = DeviceKinds(make=make), CameraHabits(make=known)
+        yield f"{known.vendor} {known.model}", partial(_row_and_session, kinds, habits)
     for name, faults in FAULTS.items():
-        yield f"Mako, {name}", _row(CameraHabits(make=MAKES["mako"], faults=faults))
-    yield "Blackfly S, left streaming and locked", _row(CameraHabits(make=MAKES["blackfly-s"], faults=LOCKED))
+        yield f"Mako, {name}", partial(_row, CameraHabits(make=MAKES["mako"], faults=faults))
+    blackfly = CameraHabits(make=MAKES["blackfly-s"], faults=LOCKED)
+    yield "Blackfly S, left streaming and locked", partial(_row, blackfly)
     for name, usb_habits in USB3.items():
-        session = _session(DeviceKinds(camera="usb3")) if usb_habits == Usb3Habits() else {}
-        yield name, _usb_row(usb_habits) | session
-    with TemporaryDirectory() as folder:
-        for pixel_format in CAMERA_KINDS["v4l2"].pixel_formats:
-            session = _session(DeviceKinds(camera="v4l2")) if pixel_format == "Mono8" else {}
-            yield f"webcam (V4L2), {pixel_format}", _webcam_row(Path(folder), pixel_format) | session
+        yield name, partial(_usb_row, usb_habits)
+    for pixel_format in CAMERA_KINDS["v4l2"].pixel_formats:
+        yield f"webcam (V4L2), {pixel_format}", partial(_webcam_row, pixel_format)
+
+
+def _row_and_session(kinds: DeviceKinds, habits: CameraHabits) -> dict[str, str]:
+    return _row(habits) | _session(kinds)
 
 
 def _session(kinds: DeviceKinds) -> dict[str, str]:
     return {"session": session_cell(kinds)}
 
 
-def _webcam_row(folder: Path, pixel_format: str) -> dict[str, str]:
+def _webcam_row(pixel_format: str) -> dict[str, str]:
+    with TemporaryDirectory() as folder:
+        found = _webcam_used(Path(folder), pixel_format)
+    return found | (_session(DeviceKinds(camera="v4l2")) if pixel_format == "Mono8" else {})
+
+
+def _webcam_used(folder: Path, pixel_format: str) -> dict[str, str]:
     address = folder / "video0"
     config = CameraConfig.model_validate(
         {
@@ -103,7 +116,8 @@ def _usb_row(habits: Usb3Habits) -> dict[str, str]:
         names = [camera.model for camera in discover_cameras()[0] if camera.kind == "usb3"]
         found = {"discover": ", ".join(names) or "nothing answers"}
         config = CameraConfig(kind="usb3", address=device_id(SERIAL), buffers=64, calibration=CALIBRATION)
-        return found | _used(config, "exposure_end" if habits.stamps_end else "exposure_start")
+        found |= _used(config, "exposure_end" if habits.stamps_end else "exposure_start")
+    return found | (_session(DeviceKinds(camera="usb3")) if habits == Usb3Habits() else {})
 
 
 def _row(habits: CameraHabits) -> dict[str, str]:
@@ -151,14 +165,19 @@ def _stated(make: CameraMake | None) -> str:
     return "exposure_start" if make is None else make.stamp_at
 
 
-def main() -> None:
-    """Print both tables."""
+@click.command()
+@click.option("--only", default="", help="Devices whose name contains this text.")
+def main(only: str) -> None:
+    """Print both tables; each row is shown as soon as it is known."""
     bus_folder()  # before Aravis is loaded
     strikers = itertools.chain(servo_rows(), board_rows())
     for title, steps, rows in (("camera", CAMERA_STEPS, camera_rows()), ("striker", STEPS, strikers)):
         table = Table(title, *steps)
-        for name, found in rows:
-            table.add_row(name, *(found.get(step, "") for step in steps))
+        for name, make_row in rows:
+            if only.lower() in name.lower():
+                found = make_row()
+                click.echo(f"{name}: {found}", err=True)
+                table.add_row(name, *(found.get(step, "") for step in steps))
         Console(width=200).print(table)
 
 
