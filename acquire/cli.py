@@ -133,6 +133,7 @@ def run(rig: Path, as_json: bool, parent: int | None) -> None:
     show_default=True,
     help="Who answers the prompts: this terminal, or other clients of the daemon (a console).",
 )
+@click.option("--tosses-only", "only_tosses", is_flag=True, help="Make the plan's tosses, and no strike.")
 @click.option("--note", default="", help="Remark to write into the recording.")
 @click.option(
     "--countdown",
@@ -169,7 +170,9 @@ def session(
         progress = cleanup.enter_context(SessionProgress())
         if options["prompts"] == "terminal":
             cleanup.enter_context(ConsoleOperator(socket, progress))
-        how = SessionOptions(target, before, options["note"], options["countdown_s"])
+        how = SessionOptions(
+            target, before, options["note"], options["countdown_s"], only_tosses=options["only_tosses"]
+        )
         report = SessionRunner(client, given, output, progress, how).run()
     _print_session(report, as_json)
 
@@ -189,6 +192,7 @@ def session(
     default="ours",
     help="How the strikes are chosen; see `analyze plan`.",
 )
+@click.option("--tosses", default=0, type=click.IntRange(0, 20), help="Number of tosses after the strikes.")
 @target_options
 @click.option("--force", is_flag=True, help="Replace the output if it exists.")
 @click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")

@@ -86,13 +86,16 @@ class DemoPlan:
     """largest number of different pivot axes; None for as many as improve the estimate"""
     method: str = "ours"
     """way to choose the strikes: "ours" or "paper\""""
+    tosses: int = 0
+    """number of tosses after the strikes"""
     target: Target | None = None
     """precision at which the session stops itself; None to make every planned strike"""
 
     def arguments(self) -> list[str]:
         """Command-line arguments of `analyze plan` for these options."""
         most = [] if self.axes is None else ["--axes", str(self.axes)]
-        return ["--strikes", str(self.strikes), *most, "--method", self.method]
+        tosses = ["--tosses", str(self.tosses)] if self.tosses else []
+        return ["--strikes", str(self.strikes), *most, "--method", self.method, *tosses]
 
 
 def run_demo(

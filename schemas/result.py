@@ -17,6 +17,7 @@ from schemas.quantity import RENAMED, Quantity, RenamedDocument, json_entries
 from schemas.result_inputs import ResultInputs
 from schemas.robustness import AlternativeResult
 from schemas.strike_result import StrikeResult
+from schemas.toss_result import FlightResult
 
 RESULT_VERSION = "2.0"
 """Schema version of results, reports and comparisons; recordings and plans have their own."""
@@ -55,6 +56,7 @@ class WarningCode(enum.Enum):
     STRIKES_SCATTER = "strikes_scatter"
     REST_TURNED = "rest_turned"
     MARKER_MOVED = "marker_moved"
+    TOSSES_NOT_USED = "tosses_not_used"
 
 
 class ResultWarning(Document):
@@ -286,6 +288,7 @@ class Result(SparseDocument):
         "filling",
         "frame_times",
         "fixture",
+        "flight",
     )
 
     schema_version: str = RESULT_VERSION
@@ -341,6 +344,10 @@ class Result(SparseDocument):
 
     fixture: FixtureResult | None = Field(
         default=None, description="what was struck with the object and subtracted; not written without one"
+    )
+
+    flight: FlightResult | None = Field(
+        default=None, description="tosses and what they determine; not written where nothing was tossed"
     )
 
     robustness: list[AlternativeResult] | None = Field(

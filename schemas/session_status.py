@@ -16,6 +16,7 @@ SessionPhase = Literal[
     "striking",
     "recording",
     "judging",
+    "tossing",
     "paused",
     "finished",
     "aborted",
@@ -58,6 +59,8 @@ class SessionStatus(Document):
     """id of the planned strike; empty before the first and after the last"""
     edge: str = ""
     """its pivot edge in words"""
+    toss_id: str = ""
+    """id of the planned toss; empty during the strikes"""
     attempt: int = 0
     """number of the attempt, from 1; 0 before the first strike and after the last"""
     done: int = 0

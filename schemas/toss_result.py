@@ -7,6 +7,7 @@ import enum
 from pydantic import Field
 
 from schemas.document import Document
+from schemas.quantity import Quantity
 
 
 class TossVerdict(enum.Enum):
@@ -51,4 +52,32 @@ class TossResult(Document):
     )
     residual_px: float | None = Field(
         default=None, ge=0, description="rms difference between the markers' corners and the fitted flight"
+    )
+
+
+class FlightResult(Document):
+    """What tosses determine: centre of mass, and the inertia tensor up to its size."""
+
+    tosses: list[TossResult]
+    """all tosses in the recordings' order"""
+    used: bool
+    """true if the result rests on the tosses too: at least one is good, and the strikes agree"""
+    centre_of_mass: Quantity | None = Field(
+        default=None,
+        description="centre of mass by the tosses alone [m, in O]; null without a good toss",
+    )
+    inertia_ratios: list[Quantity] | None = Field(
+        default=None,
+        description="entries xx, yy, zz, xy, xz, yz of the tensor over its mean moment, by the tosses"
+        " alone; null without a good toss",
+    )
+    disagreement: float | None = Field(
+        default=None,
+        ge=0,
+        description="chi squared, of eight numbers, of the tosses against the strikes; null if not compared",
+    )
+    inertia_from: list[list[str]] | None = Field(
+        default=None,
+        description="per entry of the tensor what determines it: strikes, strikes and tosses, tosses with the"
+        " size by strikes, or shape",
     )

@@ -78,6 +78,7 @@ DOCUMENTS = {
     "schemas.quantity",
     "schemas.result",
     "schemas.strike_result",
+    "schemas.toss_result",
     "schemas.watch_lines",
 }
 FOUNDATION = (

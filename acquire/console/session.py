@@ -12,6 +12,13 @@ from acquire.daemon.operator_client import OperatorClient
 from acquire.errors import AcquireError
 from schemas.terminal import PlainTextColumn, Terminal
 
+PLACE_KEYS = "Press Enter when the object is placed"
+TOSS_KEYS = (
+    "Press Enter when it is held ready, s and Enter to skip this toss, a and Enter to repeat the last one"
+)
+TOSS_ORDERS = {"s": "skip", "a": "again"}
+"""order by the key that is typed when a toss is asked for"""
+
 
 class SessionProgress(Progress):
     """Progress line of a session: planned strikes done, elapsed time, current step.
@@ -99,12 +106,15 @@ class ConsoleOperator:
                 if event["event"] != "prompt":
                     continue
                 hint = f"[{event['hint']}] " if event.get("hint") else ""
+                tossed = event["kind"] == "toss"
+                keys = TOSS_KEYS if tossed else PLACE_KEYS
                 line = self._progress.ask(
-                    f"{hint}{event['text']}\n"
-                    "Press Enter when the object is placed, or q and Enter to end the session: "
+                    f"{hint}{event['text']}\n{keys}, or q and Enter to end the session: "
                 )
-                stop = line.strip().lower() == "q" or not line
+                key = line.strip().lower()
+                stop = key == "q" or not line
                 text = "stopped at the terminal" if stop else ""
-                self._daemon.answer(event["prompt_id"], ok=not stop, text=text)
+                order = TOSS_ORDERS.get(key, "placed") if tossed else "placed"
+                self._daemon.answer(event["prompt_id"], ok=not stop, text=text, order=order)
         except AcquireError as error:
             self._progress.print_line(f"trouble: prompts are no longer shown: {error}; end with Ctrl-C")

@@ -139,6 +139,7 @@ class Daemon:
         owned = {
             "recording.state": self._write_state,
             "recording.strike": self._write_strike,
+            "recording.toss": self._write_toss,
             "window.open": lambda *_: {"start_ns": self._recording.open_window()},
             "window.close": lambda _, params: self._recording.close_window(int(params.get("end_ns", 0))),
             "striker.home": lambda _, params: self._control.home(params),
@@ -226,18 +227,20 @@ class Daemon:
         message = pb.SessionState(**params)
         self._recording.write(topics.SESSION_STATE, message)
         name = pb.SessionState.State.Name(message.state)
-        self._recording.log(f"{name} {message.strike_id} {message.text}".strip())
-        self._publish(
-            "state",
-            {"state": name, "strike_id": message.strike_id, "attempt": message.attempt, "text": message.text},
-        )
+        self._recording.log(f"{name} {message.strike_id or message.toss_id} {message.text}".strip())
+        keys = ("strike_id", "attempt", "text", "toss_id")
+        self._publish("state", {"state": name} | {key: getattr(message, key) for key in keys})
         return {}
 
     def _write_strike(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
-        self._recording.write_strike(pb.StrikeRecord(**params))
+        self._recording.write_record(topics.SESSION_STRIKE, pb.StrikeRecord(**params))
         self._attendance.note_strike()
         if self._attendance.attended and not self._adviser.asked:
             self._adviser.inform(*self._recording.series(), str(params["strike_id"]))
+        return {}
+
+    def _write_toss(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
+        self._recording.write_record(topics.SESSION_TOSS, pb.TossRecord(**params))
         return {}
 
     # --- striker ---

@@ -238,25 +238,30 @@ class LiveRecording:
         """
         self._uninterrupted()
 
-    def write_strike(self, message: Any) -> None:
-        """Record a strike (a StrikeRecord message); on return the capture process has it.
+    def write_record(self, topic: topics.Topic, message: Any) -> None:
+        """Record a strike or toss (StrikeRecord, TossRecord); on return the capture process has it.
+
+        Args:
+            topic: topic of such messages.
+            message: the message.
 
         Raises:
-            RecordingBroken: the strike's images are in a file that was cut short, or the capture process
+            RecordingBroken: its images are in a file that was cut short, or the capture process
                 died with the message.
             SessionError: no recording is open.
             RecorderError: the recording could not continue, or the capture process takes no messages.
         """
         opened = self._uninterrupted()
         opened.refuse_earlier_file(message.window_start_ns)
-        taken = self.write(topics.SESSION_STRIKE, message)
+        taken = self.write(topic, message)
         try:
             self._capture.status()
         except CaptureGone as error:
             raise RecordingBroken(str(error)) from None
         if not taken:
             raise RecorderError(
-                "the strike was not recorded: the capture process takes no messages: see `acquire status`"
+                "the strike or toss was not recorded: the capture process takes no messages: "
+                "see `acquire status`"
             )
 
     def require_space(self) -> None:

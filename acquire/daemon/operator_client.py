@@ -63,19 +63,22 @@ class OperatorClient:
                 return
         self._listener.close()  # closed while it subscribed
 
-    def answer(self, prompt_id: int, *, ok: bool, text: str = "") -> None:
+    def answer(self, prompt_id: int, *, ok: bool, text: str = "", order: str = "placed") -> None:
         """Answer a prompt; nothing happens if it is no longer open.
 
         Args:
             prompt_id: number of the prompt.
             ok: True if the object is placed; False ends the session.
             text: reason, if `ok` is False.
+            order: one of `ORDERS` (prompts.py).
 
         Raises:
             AcquireError: the daemon is gone, or took no request for PATIENCE_S (30 s).
         """
         with contextlib.suppress(SessionError):  # answered already, or withdrawn
-            _requested(self._path, "prompt.answer", prompt_id=prompt_id, ok=ok, text=text).close()
+            _requested(
+                self._path, "prompt.answer", prompt_id=prompt_id, ok=ok, text=text, order=order
+            ).close()
 
     def close(self) -> None:
         """End the subscription; any thread may call it, also twice."""

@@ -9,7 +9,7 @@ from acquire.session.events import (
     Struck,
 )
 from schemas.proto import percuss_pb2 as pb
-from schemas.strike_plan import PlannedStrike
+from schemas.strike_plan import PlannedStrike, PlannedToss
 from schemas.watch_lines import AdviceRequest, StrikeVerdict
 
 
@@ -24,6 +24,8 @@ class Announce:
     """number of the attempt, from 1; 0 before the first strike and after the last"""
     text: str = ""
     """remark on the state"""
+    toss_id: str = ""
+    """id of the planned toss; "" during the strikes"""
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,41 @@ class Advise:
 
 
 @dataclass(frozen=True)
+class ParkStriker:
+    """Action: home the striker, which is then not armed and out of the way of a toss."""
+
+
+@dataclass(frozen=True)
+class AskToToss:
+    """Action: ask the operator whether all is ready for a planned toss."""
+
+    toss: PlannedToss
+    hint: str = ""
+    """reason why the toss is asked for again; "" the first time"""
+
+
+@dataclass(frozen=True)
+class RecordToss:
+    """Action: record all frames until the object was tossed and lies still, or until a time limit."""
+
+    toss: PlannedToss
+
+
+@dataclass(frozen=True)
+class WriteToss:
+    """Action: write a message on one toss (its ids and time span) into the recording."""
+
+    toss: PlannedToss
+    attempt: int
+    """number of the attempt, from 1"""
+    recorded: Recorded
+
+
+TossStep = ParkStriker | AskToToss | RecordToss | WriteToss
+"""an action of the tosses"""
+
+
+@dataclass(frozen=True)
 class CloseRecording:
     """Action: close the recording; the session ends."""
 
@@ -128,6 +165,7 @@ Step = (
     | Judge
     | WriteRecord
     | Advise
+    | TossStep
 )
 """an action after which the session continues"""
 Action = Step | CloseRecording

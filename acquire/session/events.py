@@ -88,6 +88,13 @@ class Recorded(Event):
 
 
 @dataclass(frozen=True)
+class Tossed(Event):
+    """Event: the recording window of a toss is closed."""
+
+    recorded: Recorded
+
+
+@dataclass(frozen=True)
 class Judged(Event):
     """Event: `analyze watch` has judged the strike from its images, or did not answer in time."""
 

@@ -23,6 +23,8 @@ class SessionOptions:
     """wait before every arming [s]"""
     servo_timeout_s: float = SERVO_TIMEOUT_S
     """longest wait for a servo that does not answer [s]"""
+    only_tosses: bool = False
+    """True to make the plan's tosses and none of its strikes"""
 
 
 DEFAULT_OPTIONS = SessionOptions()

@@ -43,7 +43,7 @@ class ProgressReporter:
             plan=given.plan_path.name,
             file=str(output.resolve()),
             began_ns=time.time_ns(),
-            total=len(given.plan.strikes),
+            total=progress()[1],
             until="" if options.target is None else str(options.target),
             max_strikes=None if options.target is None else options.target.max_strikes,
             earlier=0 if options.earlier is None else len(options.earlier.strikes),
@@ -55,6 +55,7 @@ class ProgressReporter:
             state=_name(action.state),
             text=action.text,
             strike_id=action.strike_id,
+            toss_id=action.toss_id,
             edge=self.edge(action.strike_id),
             attempt=action.attempt,
         )

@@ -23,13 +23,15 @@ from acquire.session import actions, events, waits
 from acquire.session.adaptive import estimate_text
 from acquire.session.countdown import count_down, hands_are_near
 from acquire.session.holds import wait_while_held
-from acquire.session.machine import SessionMachine, State
+from acquire.session.machine import State
 from acquire.session.options import DEFAULT_OPTIONS, SessionOptions
 from acquire.session.plan_fit import camera_pose_problem, striker_limit_problem
 from acquire.session.progress import ProgressReporter
 from acquire.session.session_input import SessionInput
 from acquire.session.session_report import SessionReport
 from acquire.session.strike_record import strike_record
+from acquire.session.toss_steps import TossSteps
+from acquire.session.tosses import session_machine
 from acquire.striker.base import StrikerState
 from schemas.strike_plan import PlannedStrike
 from schemas.watch_lines import AdviceRequest, SessionEstimate, StrikeVerdict, WatchEvent
@@ -55,7 +57,7 @@ class SessionRunner:
         options: how it is carried out.
 
     Raises:
-        SessionError: without a target, if every planned strike was made before.
+        SessionError: nothing is left to be done, as every planned strike was made before.
     """
 
     def __init__(
@@ -68,7 +70,8 @@ class SessionRunner:
     ) -> None:
         self._client, self._input, self._output = client, given, output
         self._progress, self._options = progress, options
-        self._machine = SessionMachine(given.plan, options.target, options.earlier)
+        self._machine = session_machine(given.plan, options)
+        self._tosses = TossSteps(client.call, self._report, self._clear_fault)
         self._status = ProgressReporter(client.call, given, output, lambda: self._machine.progress, options)
         self._anchor_ns = 0
         self._ordered = 0
@@ -140,10 +143,10 @@ class SessionRunner:
         names = ", ".join(map(str, files))
         if not files:
             return
-        if self._ordered:
+        if self._ordered or self._tosses.begun:
             unjudged = self._ordered - self._kept
             more = f", and {unjudged} without a verdict" if unjudged else ""
-            self._report(f"kept: {counted(self._kept, 'strike')}{more} in {names}")
+            self._report(f"kept: {counted(self._kept, 'strike')}{more}{self._tosses.text} in {names}")
             return
         for path in files:
             path.unlink(missing_ok=True)
@@ -158,6 +161,7 @@ class SessionRunner:
             path=Path(report["path"]),
             files=tuple(Path(path) for path in report["files"]),
             strikes=self._kept,
+            tosses=self._tosses.kept,
             frames=int(report["frames"]),
             lost=int(report["lost"]),
             aborted=action.aborted,
@@ -198,6 +202,8 @@ class SessionRunner:
                 event = self._ask_analysis(action)
             case actions.WriteRecord():
                 self._write_record(action)
+            case _:
+                event = self._tosses.execute(action)
         return event
 
     def _announce(self, action: actions.Announce) -> None:
@@ -207,10 +213,11 @@ class SessionRunner:
             strike_id=action.strike_id,
             attempt=action.attempt,
             text=action.text,
+            toss_id=action.toss_id,
         )
         self._status.announce(action)
-        name = State.Name(action.state).replace("_", " ").lower()
-        self._report(f"{action.strike_id} {name}{waits.longest_in(action.state)} {action.text}".strip())
+        name = State.Name(action.state).replace("_", " ").lower() + waits.longest_in(action.state)
+        self._report(f"{action.strike_id or action.toss_id} {name} {action.text}".strip())
 
     def _ask_to_place(self, strike: PlannedStrike, hint: str) -> events.Event:
         self._client.call("watch.expect", plan_strike_id=strike.id)  # for the outline beside the question
@@ -377,8 +384,8 @@ class SessionRunner:
         return events.Judged(StrikeVerdict.model_validate(answer) if answer else None)
 
     def _advise(self, request: AdviceRequest) -> events.Event:
-        answer = self._client.call("watch.advise", **request.model_dump(), timeout_s=waits.ADVICE_TIMEOUT_S)
-        estimate = SessionEstimate.model_validate(answer["estimate"]) if answer["estimate"] else None
+        found = self._client.call("watch.advise", **request.model_dump(), timeout_s=waits.ADVICE_TIMEOUT_S)
+        estimate = SessionEstimate.model_validate(found["estimate"]) if found["estimate"] else None
         if text := estimate_text(estimate):
             self._report(text)
         return events.Advised(estimate)

@@ -28,6 +28,8 @@ class SessionReport:
     """reason if the session was aborted, or stopped itself"""
     skipped: tuple[str, ...] = ()
     """ids of planned strikes that were given up, because the object was never found as it should stand"""
+    tosses: int = 0
+    """number of tosses whose record is in the recording"""
     missed: bool = False
     """True if the session ended without the precision that it was to reach"""
 
@@ -38,7 +40,7 @@ class SessionReport:
             return f"the session ended early: {self.text}"
         if self.missed:
             return f"the target was not reached: {self.text}"
-        if self.strikes == 0:
+        if self.strikes == 0 and self.tosses == 0:
             return (
                 "no strike was made: every placement was refused: "
                 "glue a tag on each side that faces the camera, and list it in the object file"

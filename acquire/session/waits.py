@@ -30,6 +30,14 @@ LATE_TIMEOUT_S = 9.0
 because images may arrive late"""
 REST_MINIMUM_S = 0.9
 """shortest recorded time after the strike [s]: an object that hesitates at the balance point looks at rest"""
+TOSS_TIMEOUT_S = 6.0
+"""longest recorded time from the operator's answer to the end of a toss's window [s]; a rig file's
+`max_window_s` of less ends it sooner"""
+TOSS_LATE_S = 16.0
+"""time on the host's clock [s] after which a toss's window is closed in any case; longer than
+TOSS_TIMEOUT_S, because images may arrive late"""
+TOSS_REST_S = 0.5
+"""time for which the object lies still after a toss before its window is closed [s]"""
 HOME_TIMEOUT_S = 20.0
 """longest time for homing the striker [s]: a slow turn from the farthest angle"""
 _EXCHANGES_S = 3.0
@@ -40,6 +48,7 @@ _LONGEST_S = {
     State.STRIKING: sum(GUARD_S.values()) - GUARD_S[StrikerState.COCKING] + _EXCHANGES_S,
     State.RECORDING: LATE_TIMEOUT_S,
     State.JUDGING: JUDGE_TIMEOUT_S,
+    State.TOSSING: TOSS_LATE_S,
 }
 """longest wait in a state of the session [s]; in PLACING a person has all the time"""
 

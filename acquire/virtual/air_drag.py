@@ -89,4 +89,4 @@ def _panels(triangles: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
     total = np.bincount(panel, size, count)
     centres = np.stack([np.bincount(panel, size * each, count) for each in middles.T], axis=1)
     vectors = np.stack([np.bincount(panel, each, count) for each in areas.T], axis=1)
-    return centres / total[:, None], vectors
+    return centres / total[:, None], np.asarray(vectors, np.float64)

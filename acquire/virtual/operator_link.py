@@ -1,4 +1,4 @@
-"""Client of the virtual world's control socket: places the object, asks for the file of true poses.
+"""Client of the virtual world's control socket: places and tosses the object, asks for the true poses.
 
 The protocol is one JSON line in each direction.
 """
@@ -63,6 +63,27 @@ class OperatorLink:
             p_world_object=np.asarray(p_world_object, dtype=float).tolist(),
             impact_point_world=np.asarray(impact_point_world, dtype=float).tolist(),
         )
+
+    def toss(self, toss: dict[str, Any], kind: str, hold_s: float) -> None:
+        """Hold the object in the air, and toss it after a time; returns at once.
+
+        Args:
+            toss: planned toss, as in a plan (JSON).
+            kind: what is wrong with the toss, or "good".
+            hold_s: time for which the object is held still before [s].
+
+        Raises:
+            AcquireError: the request was refused, or the world does not answer.
+        """
+        self._call("toss", toss=toss, kind=kind, hold_s=hold_s)
+
+    def let_go(self, after_s: float) -> None:
+        """Toss the object that is held in the air after a time [s]; nothing happens if none is held.
+
+        Raises:
+            AcquireError: the world does not answer.
+        """
+        self._call("toss", after_s=after_s)
 
     def truth(self) -> str:
         """Path of the file with the world's true poses and contacts; all of them so far are in it on return.

@@ -194,6 +194,11 @@ class World:
         self._model.geom_contype[self._tip] = 0
         self._push, self._contact, self._at_rest, self._slow_ticks = None, None, True, 0
 
+    def let_go(self, time_ns: int) -> None:
+        """Toss the object that is held at a world time [ns]; nothing happens if none is held."""
+        if self._flight.release_ns is not None:
+            self._flight.release_ns = time_ns
+
     # --- time
 
     def step_to(self, time_ns: int) -> None:

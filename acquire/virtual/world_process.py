@@ -2,7 +2,7 @@
 
 `python -m acquire.virtual.world_process --object carton --seed 1 --dir RUN` creates in RUN: `ttyDXL` or
 `ttyBoard` (serial port of the servo or of the striker board), `pose.ring` (poses for the camera process),
-`world.sock` (control socket: place and push the object, read the state, unplug or overload the striker,
+`world.sock` (control socket: place, push and toss the object, read the state, unplug or overload the striker,
 complete the truth file, quit) and `truth.bin` (true poses and contacts). Prints one JSON line when it is
 ready. Ends on SIGTERM, on SIGINT, on the request "quit" and when its parent ends.
 """
@@ -33,9 +33,11 @@ from acquire.virtual.objects import VirtualObject
 from acquire.virtual.pose_ring import PoseRing
 from acquire.virtual.serial_board import SerialBoard
 from acquire.virtual.station import station
+from acquire.virtual.toss import TossKind, hand_toss
 from acquire.virtual.truth_file import TruthWriter
 from acquire.virtual.world import TICK_NS, World
 from acquire.virtual.world_state import StrikerContact, WorldState
+from schemas.planned_toss import PlannedToss
 from schemas.proto import percuss_pb2 as pb
 from schemas.servo_models import DEFAULT_MODEL, MODEL_NAMES, ModelName
 
@@ -79,6 +81,8 @@ class WorldProcess:
         servo: ModelName = DEFAULT_MODEL,
     ) -> None:
         self._clock_ns, self._folder = clock_ns, folder
+        self._object = virtual_object
+        self._hand = np.random.default_rng((seed, 0x7055))
         self._ring = PoseRing.create(folder / "pose.ring")
         self._truth = TruthWriter(folder / "truth.bin", truth_body(virtual_object, seed, table_tilt))
         self._ticks = 0
@@ -212,6 +216,7 @@ class WorldProcess:
         methods = {
             "place": self._place,
             "push": self._push,
+            "toss": self._toss,
             "truth": self._flush_truth,
             "state": self._state,
             "servo": self._change_servo,
@@ -230,10 +235,16 @@ class WorldProcess:
         return {"ok": True}
 
     def _push(self, request: dict[str, Any]) -> dict[str, Any]:
-        p_world, impulse = (
-            np.array(request[key], dtype=float).reshape(3) for key in ("p_world", "impulse_world")
-        )
+        p_world, impulse = (np.array(request[key], float).reshape(3) for key in ("p_world", "impulse_world"))
         self.world.push(p_world, impulse, float(request["duration_s"]))
+        return {"ok": True}
+
+    def _toss(self, request: dict[str, Any]) -> dict[str, Any]:
+        if "after_s" in request:
+            self.world.let_go(self._clock_ns() + round(1e9 * float(request["after_s"])))
+            return {"ok": True}
+        planned, kind = PlannedToss.model_validate(request["toss"]), TossKind(request["kind"])
+        self.world.toss(hand_toss(planned, self._object, self._hand, kind), float(request["hold_s"]))
         return {"ok": True}
 
     def _flush_truth(self, _request: dict[str, Any]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""HTML file with one card per strike, each a page when printed; it loads nothing from elsewhere."""
+"""HTML file with one card per strike and toss, each a page when printed; it loads nothing from elsewhere."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from analyze.cards.measures import plan_picture, side_picture
 from analyze.cards.placing import Sides
 from analyze.cards.scene import scene_picture
 from analyze.cards.setting import Setting, strike_setting
+from analyze.cards.toss_card import toss_cards
 from analyze.geometry.object_model import ObjectModel
 from analyze.planning.footing import IF_IT_FALLS
 from schemas.edge_names import edge_names
@@ -180,6 +181,7 @@ def render_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec, by_hand
         plan=plan,
         spec=spec,
         cards=placement_cards(plan, model, spec, by_hand),
+        tosses=toss_cards(plan, model, drawn_shape(model), spec, by_hand),
         by_hand=by_hand,
         degrees=np.degrees,
         where_it_falls=IF_IT_FALLS,

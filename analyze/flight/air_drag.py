@@ -74,7 +74,9 @@ def hull_panels(hull_vertices: Array) -> HullPanels:
     corners = hull_vertices[hull.simplices]
     areas = 0.5 * np.linalg.norm(cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     target = float(areas.sum()) / _PANELS
-    points, normals, pieces = [], [], []
+    points: list[Array] = []
+    normals: list[Array] = []
+    pieces: list[Array] = []
     for triangle, normal, area in zip(corners, hull.equations[:, :3], areas, strict=True):
         parts = max(1, int(np.ceil(np.sqrt(area / target))))
         weights = _barycentric_centres(parts)

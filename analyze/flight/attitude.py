@@ -68,7 +68,7 @@ def rotated_attitudes(
             q4, w4 = rates(q + h * q3, w + h * w3, moment)
             q = q + h / 6 * (q1 + 2 * q2 + 2 * q3 + q4)
             w = w + h / 6 * (w1 + 2 * w2 + 2 * w3 + w4)
-            q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+            q = q / np.sqrt(np.einsum("vfi,vfi->vf", q, q))[..., None]
         path[:, :, frame], spins[:, :, frame] = q, w
     return path, spins
 
@@ -76,16 +76,22 @@ def rotated_attitudes(
 def cross(a: Array, b: Array) -> Array:
     """Cross product (..., 3), several times as fast as numpy's."""
     a1, a2, a3, b1, b2, b3 = a[..., 0], a[..., 1], a[..., 2], b[..., 0], b[..., 1], b[..., 2]
-    return np.stack([a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1], axis=-1)
+    first = a2 * b3 - a3 * b2
+    found = np.empty((*first.shape, 3))
+    found[..., 0], found[..., 1], found[..., 2] = first, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1
+    return found
 
 
 def times_vector(q: Array, vector: Array) -> Array:
     """Quaternion (..., 4) times the pure quaternion of a vector (..., 3)."""
     w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
     a, b, c = vector[..., 0], vector[..., 1], vector[..., 2]
-    return np.stack(
-        [-x * a - y * b - z * c, w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a], axis=-1
-    )
+    found = np.empty_like(q)
+    found[..., 0] = -x * a - y * b - z * c
+    found[..., 1] = w * a + y * c - z * b
+    found[..., 2] = w * b + z * a - x * c
+    found[..., 3] = w * c + x * b - y * a
+    return found
 
 
 def turned(q: Array, by: Array) -> Array:

@@ -18,8 +18,10 @@ from analyze.types import FlightEstimate
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from analyze.flight.flight_model import ThrownBody
     from analyze.flight.toss import TossMotion
     from analyze.flight.toss_fit import FlightPrior
+    from analyze.flight.views import TagSet
     from analyze.types import Array, CameraModel
 
 _FOUND = np.r_[COM, SHAPE]
@@ -50,26 +52,29 @@ class FlightFit:
         return self.fit.x[GRAVITY]
 
 
-def estimate_flights(tosses: Sequence[TossMotion], prior: FlightPrior, camera: CameraModel) -> FlightFit:
+def estimate_flights(
+    tosses: Sequence[TossMotion], body: ThrownBody, prior: FlightPrior, camera: CameraModel, tags: TagSet
+) -> FlightFit:
     """Estimate centre of mass and shape of the tensor from flights that were found and judged good.
 
     Args:
-        tosses: flights with their own fits, at least one.
+        tosses: tosses with a free flight, at least one.
+        body: hull, mass and size of the body.
         prior: body as known before.
         camera: camera that took all frames.
+        tags: the object's tags.
     """
-    flown = [(toss.views, toss.fit) for toss in tosses if toss.views is not None and toss.fit is not None]
-    first = flown[0][1].model
-    data = [(views, fit.starts()[0]) for views, fit in flown]
-    best = fit_tosses(first.body, prior, camera, first.tags, data)
-    for _, alone in flown:
-        if float(np.abs(alone.x[SHAPE] - best.x[SHAPE]).max()) < _SAME_SHAPE:
+    flights = [toss.flight for toss in tosses if toss.flight is not None]
+    data = [(flight.views, flight.start) for flight in flights]
+    best = fit_tosses(body, prior, camera, tags, data)
+    for flight in flights:
+        if float(np.abs(flight.shared[SHAPE] - best.x[SHAPE]).max()) < _SAME_SHAPE:
             continue
-        fit = fit_tosses(first.body, prior, camera, first.tags, data, alone.x[: first.shared])
+        fit = fit_tosses(body, prior, camera, tags, data, flight.shared)
         best = min(best, fit, key=lambda each: each.cost)
-    second = replace(first.body, panels=replace(first.body.panels, oblique=True))
+    second = replace(body, panels=replace(body.panels, oblique=True))
     again = [(views, start) for (views, _), start in zip(data, best.starts(), strict=True)]
-    other = fit_tosses(second, prior, camera, first.tags, again, best.x[: first.shared])
+    other = fit_tosses(second, prior, camera, tags, again, best.x[: best.model.shared])
     by_law = other.x[_FOUND] - best.x[_FOUND]
     covariance = best.covariance[np.ix_(_FOUND, _FOUND)] + np.outer(by_law, by_law)
     ids = tuple(toss.toss_id for toss in tosses)

@@ -1,20 +1,34 @@
 """First guess of a flight's motion from the poses of single tags."""
 
+# pyright: reportUnknownArgumentType=false
+
 from __future__ import annotations
 
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analyze.flight.flight_model import TossStart
-from analyze.geometry.rotations import nearest_rotation, vector_from_matrix
+from analyze.flight.flight_model import FlightModel, TossStart
+from analyze.flight.toss_fit import fit_tosses
+from analyze.geometry.rotations import matrix_from_vector, nearest_rotation, vector_from_matrix
 
 if TYPE_CHECKING:
+    from analyze.flight.flight_model import ThrownBody
+    from analyze.flight.toss_fit import FlightPrior, TossFit
     from analyze.flight.views import TagSet, TossViews
     from analyze.types import Array, CameraModel
 
-_SPIN_FRAMES = 6
-"""number of frames over whose differences the first spin is averaged"""
+_TRIED_FRAMES, _LAGS = 6, (1, 3)
+"""number of frames whose poses are tried, and of frames from each to the one that gives the spin"""
+_FITTED_GUESSES = 2
+"""number of the best guesses that are fitted"""
+_MAX_STEPS = 12
+"""number of steps after which the fit to a guess ends"""
+_GOOD_PX = 0.5
+"""rms residual of a fit to a guess [px] below which no further guess is fitted"""
+_CLIP_PX = 40.0
+"""largest distance of a corner that counts [px]"""
 
 
 def body_poses(views: TossViews, tags: TagSet, camera: CameraModel) -> tuple[Array, Array]:
@@ -43,21 +57,49 @@ def tag_poses(tags: TagSet) -> tuple[Array, Array]:
     return nearest_rotation(np.stack([x, y, np.cross(x, y)], axis=-1)), tags.centres
 
 
-def first_start(views: TossViews, tags: TagSet, camera: CameraModel, com: Array, gravity: float) -> TossStart:
-    """First guess of the motion at the first frame of a flight: fall of a point, mean spin of some frames.
+def first_fit(
+    views: TossViews, tags: TagSet, camera: CameraModel, body: ThrownBody, prior: FlightPrior
+) -> TossFit:
+    """Fit to the beginning of a flight, from the poses of tags in its first frames.
+
+    A square seen alone has a second, mirrored pose that fits almost as well, so that several attitudes and
+    spins are tried; those whose motion predicts the corners best are fitted, and the best fit counts.
 
     Args:
-        views: the flight, at least three frames.
+        views: the beginning of the flight, at least three frames.
         tags: the object's tags.
         camera: camera that took the frames.
-        com: (3,) point of the object near its centre of mass [m, in O].
-        gravity: gravity [m/s^2].
+        body: hull, mass and size of the body.
+        prior: body as known before.
     """
     R, origin = body_poses(views, tags, camera)
     time = views.seconds
-    ahead = min(_SPIN_FRAMES, len(R) - 1)
-    turns = vector_from_matrix(np.swapaxes(R[:ahead], 1, 2) @ R[1 : ahead + 1])
-    spin = np.median(turns / np.diff(time[: ahead + 1])[:, None], axis=0)
-    place = origin + R @ com + 0.5 * gravity * time[:, None] ** 2 * np.array([0.0, 0.0, 1.0])
-    line, *_ = np.linalg.lstsq(np.column_stack([np.ones_like(time), time]), place, rcond=None)
-    return TossStart(R[0], spin, line[0], line[1])
+    fallen = origin + R @ prior.com + 0.5 * prior.gravity * time[:, None] ** 2 * np.array([0.0, 0.0, 1.0])
+    line, *_ = np.linalg.lstsq(np.column_stack([np.ones_like(time), time]), fallen, rcond=None)
+    shared = prior.mean_and_sd(tags)[0]
+    guesses: list[tuple[float, TossStart]] = []
+    for first, lag in product(range(min(_TRIED_FRAMES, len(R) - 1)), _LAGS):
+        if first + lag >= len(R):
+            continue
+        turn = vector_from_matrix(R[first].T @ R[first + lag])
+        spin = turn / (time[first + lag] - time[first])
+        start = TossStart(R[first] @ matrix_from_vector(-spin * time[first]), spin, line[0], line[1])
+        guesses.append((_misfit(body, camera, tags, views, start, shared), start))
+    best = sorted(guesses, key=lambda each: each[0])[:_FITTED_GUESSES]
+    fits: list[TossFit] = []
+    for _, start in best:
+        fits.append(fit_tosses(body, prior, camera, tags, [(views, start)], max_steps=_MAX_STEPS))
+        if float(np.sqrt(np.mean(fits[-1].residual ** 2))) < _GOOD_PX:
+            break
+    return min(fits, key=lambda fit: fit.cost)
+
+
+def _misfit(
+    body: ThrownBody, camera: CameraModel, tags: TagSet, views: TossViews, start: TossStart, shared: Array
+) -> float:
+    """Mean distance [px] of the corners from those that a start predicts, each at most `_CLIP_PX`."""
+    model = FlightModel(body, camera, tags, [(views, start)])
+    predicted, _ = model(np.concatenate([shared, start.numbers]))
+    return float(
+        np.mean(np.minimum(np.abs(np.nan_to_num(predicted - views.corners.ravel(), nan=1e9)), _CLIP_PX))
+    )

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from analyze.flight.views import TagSet, TossViews
-    from analyze.types import Array, CameraModel
+    from analyze.types import Array, CameraModel, IntArray
 
 COM, SHAPE, GRAVITY, DRAG = slice(0, 3), slice(3, 8), slice(8, 11), slice(11, 13)
 """places among the unknowns: c [m, in O], five numbers of the tensor's shape, gravity [m/s^2, in W],
@@ -238,7 +238,7 @@ class FlightModel:
         self.tags = tags
         self.shared = FIRST_TAG + TAG_TERMS * len(tags.names)
         self.count = self.shared + TOSS_TERMS * len(tosses)
-        self._camera = camera
+        self.camera = camera
 
     def own(self, toss: int) -> slice:
         """Places of a toss's own unknowns among all, by its number."""
@@ -271,14 +271,14 @@ class FlightModel:
 
     def _toss(self, x: Array, number: int, path: FlightPath) -> tuple[Array, Array]:
         views, _ = self.tosses[number]
-        R_camera_world, p_camera_world = world_to_camera(self._camera)
+        R_camera_world, p_camera_world = world_to_camera(self.camera)
         time = views.seconds[views.frame]
         corners = self.corners(x)[views.tag]
         R = path.R_world_object[views.frame]
         arms = np.einsum("mij,mcj->mci", R, corners - x[COM])
         in_camera = (path.place[views.frame][:, None, :] + arms) @ R_camera_world.T + p_camera_world
-        pixels = project_ideal(self._camera, in_camera)
-        into = np.einsum("mcij,jk->mcik", project_jacobian(self._camera, in_camera), R_camera_world)
+        pixels = project_ideal(self.camera, in_camera)
+        into = np.einsum("mcij,jk->mcik", project_jacobian(self.camera, in_camera), R_camera_world)
         by = np.zeros((*pixels.shape, self.count))
         by_turn = -np.einsum("mcij,mcjk->mcik", into, hat(arms))
         own = self.own(number)
@@ -298,7 +298,7 @@ class FlightModel:
         self._by_tags(x, views.tag, into_object, by)
         return pixels.ravel(), by.reshape(-1, self.count)
 
-    def _by_tags(self, x: Array, tag: Array, into_object: Array, by: Array) -> None:
+    def _by_tags(self, x: Array, tag: IntArray, into_object: Array, by: Array) -> None:
         """Fill in the derivatives (m, 4, 2, count) of the views' corners by the tags' size, place, turn."""
         terms = x[FIRST_TAG : self.shared].reshape(-1, TAG_TERMS)
         arms = self.corners(x) - self.tags.centres[:, None, :] - terms[:, None, :3]

@@ -7,16 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analyze.flight.flight_model import SHAPE
-from analyze.flight.free_stretch import free_stretch, trimmed_flight
+from analyze.flight.flight_model import COM, SHAPE
+from analyze.flight.free_stretch import free_stretch, grown_flight
 from analyze.flight.views import toss_views
 from analyze.geometry.second_moments import unit_inertia, with_size
+from analyze.motion.body_motion import BodyMotion
 from schemas.toss_result import TossVerdict
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from analyze.flight.flight_model import ThrownBody
+    from analyze.flight.flight_model import ThrownBody, TossStart
     from analyze.flight.toss_fit import FlightPrior, TossFit
     from analyze.flight.views import TagSet, TossViews
     from analyze.types import Array, CameraModel, MarkerTrack
@@ -36,8 +37,24 @@ _DISTINCT = 0.03
 
 
 @dataclass(frozen=True)
+class FittedFlight:
+    """Views of a free flight, and the fit to it alone, from which a fit of several begins."""
+
+    views: TossViews
+    """views of the flight's frames"""
+    start: TossStart
+    """motion at the first frame"""
+    shared: Array
+    """unknowns of the body and its tags, as in `flight_model`"""
+    residual_px: float
+    """rms difference between corners and fitted flight [px]"""
+    path: BodyMotion
+    """poses of the object frame O in W at the frames' times"""
+
+
+@dataclass(frozen=True)
 class TossMotion:
-    """Free flight in one toss, with the fit to it alone, and its verdict."""
+    """Free flight in one toss, with its verdict."""
 
     toss_id: str
     """id of the toss in the recording"""
@@ -47,10 +64,8 @@ class TossMotion:
     """outcome"""
     reason: str
     """explanation of the verdict, one sentence with the figures behind it"""
-    views: TossViews | None = None
-    """views of the free flight; None if there is none"""
-    fit: TossFit | None = None
-    """fit to this flight alone; None if there is none"""
+    flight: FittedFlight | None = None
+    """the free flight; None if there is none"""
     turns_per_s: float | None = None
     """mean spin [turns/s]"""
     axis_angle: float | None = None
@@ -60,14 +75,7 @@ class TossMotion:
     @property
     def flight_s(self) -> float | None:
         """Time in free flight and in view [s]; None without a flight."""
-        if self.views is None:
-            return None
-        return 1e-9 * float(self.views.time_ns[-1] - self.views.time_ns[0])
-
-    @property
-    def residual_px(self) -> float | None:
-        """Rms difference between corners and fitted flight [px]; None without a flight."""
-        return None if self.fit is None else float(np.sqrt(np.mean(self.fit.residual**2)))
+        return None if self.flight is None else float(self.flight.views.seconds[-1])
 
 
 def analyse_toss(
@@ -92,7 +100,7 @@ def analyse_toss(
     if not len(views):
         return TossMotion(*ids, TossVerdict.MARKER_LOST, "no marker whose place is known was seen")
     stretch = free_stretch(views, tags, camera, prior)
-    flown = None if stretch is None else trimmed_flight(body, prior, camera, tags, views, *stretch)
+    flown = None if stretch is None else grown_flight(body, prior, camera, tags, views, stretch[0])
     if flown is None:
         text = "nowhere do the markers move as in free fall: throw the object so that it flies in view"
         return TossMotion(*ids, TossVerdict.NOT_FREE, text)
@@ -132,7 +140,14 @@ def _judged(ids: tuple[str, str], views: TossViews, fit: TossFit) -> TossMotion:
             f"spins {np.degrees(angle):.0f} degrees off a principal axis,"
             f" {np.degrees(MIN_AXIS_ANGLE_RAD):.0f} are needed: spin it about an oblique axis"
         )
-    return TossMotion(*ids, verdict, text, views, fit, turns, angle)
+    flight = FittedFlight(
+        views,
+        fit.starts()[0],
+        fit.x[: fit.model.shared],
+        float(np.sqrt(np.mean(fit.residual**2))),
+        BodyMotion(views.seconds, path.place - path.R_world_object @ fit.x[COM], path.R_world_object),
+    )
+    return TossMotion(*ids, verdict, text, flight, turns, angle)
 
 
 def _axis_angle(spin: Array, inertia: Array) -> float | None:

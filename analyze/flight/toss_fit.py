@@ -23,7 +23,7 @@ from analyze.flight.flight_model import (
     ThrownBody,
     TossStart,
 )
-from analyze.least_squares.levenberg_marquardt import Minimum, minimise
+from analyze.least_squares.levenberg_marquardt import MAX_STEPS, Minimum, minimise
 from analyze.least_squares.robust import correlation_factor
 
 if TYPE_CHECKING:
@@ -85,6 +85,8 @@ class TossFit:
 
     model: FlightModel
     """the model fitted"""
+    prior: FlightPrior
+    """body as known before"""
     x: Array
     """(count,) unknowns, in the order of `flight_model`"""
     covariance: Array
@@ -110,6 +112,7 @@ def fit_tosses(
     tags: TagSet,
     tosses: Sequence[tuple[TossViews, TossStart]],
     shared: Array | None = None,
+    max_steps: int = MAX_STEPS,
 ) -> TossFit:
     """Fit all unknowns of the body, its tags and its tosses to the tags' corners, with Huber's loss.
 
@@ -119,7 +122,8 @@ def fit_tosses(
         camera: camera that took all frames.
         tags: the object's tags, with the sd of their places.
         tosses: views of each toss, with a first guess of its start.
-        shared: first guess of the unknowns that tosses share; None for the prior's mean.
+        shared: first guess of the unknowns (s,) that tosses share; None for the prior's mean.
+        max_steps: number of steps after which the fit ends, converged or not.
     """
     model = FlightModel(body, camera, tags, tosses)
     mean, sd = prior.mean_and_sd(tags)
@@ -135,8 +139,8 @@ def fit_tosses(
             [by, np.eye(model.count)[: model.shared]]
         )
 
-    found = minimise(observed, np.concatenate([corner_sd, sd]), expected, start, scale, TAG_SIZE)
-    return _result(model, found, corner_sd, sd)
+    found = minimise(observed, np.concatenate([corner_sd, sd]), expected, start, scale, TAG_SIZE, max_steps)
+    return _result(model, prior, found, corner_sd, sd)
 
 
 _OWN_SCALE = np.repeat([1e-2, 1e-1, 1e-3, 1e-2], 3)
@@ -145,7 +149,7 @@ _SCALE = 30.0
 """factor on typical changes: a step of 3e-4 of them ends the fit"""
 
 
-def _result(model: FlightModel, found: Minimum, corner_sd: Array, sd: Array) -> TossFit:
+def _result(model: FlightModel, prior: FlightPrior, found: Minimum, corner_sd: Array, sd: Array) -> TossFit:
     rows = len(corner_sd)
     z = found.weight[:rows] * found.residual[:rows] / corner_sd
     own_freedom = model.count - model.shared + 5
@@ -160,6 +164,7 @@ def _result(model: FlightModel, found: Minimum, corner_sd: Array, sd: Array) -> 
     whole = np.concatenate([z / np.sqrt(found.weight[:rows]), found.residual[rows:] / sd])
     return TossFit(
         model,
+        prior,
         found.parameters,
         np.asarray(covariance, dtype=np.float64),
         found.residual[:rows],
@@ -170,7 +175,8 @@ def _result(model: FlightModel, found: Minimum, corner_sd: Array, sd: Array) -> 
 
 def _by_corner(model: FlightModel, values: Array) -> Array:
     """Values (rows,) of all corners, in sequences of one coordinate of one corner over the frames."""
-    first, parts = 0, []
+    first = 0
+    parts: list[Array] = []
     for views, _ in model.tosses:
         each = values[first : first + 8 * len(views.tag)].reshape(-1, 8)
         parts += [each[views.tag == tag].T.ravel() for tag in range(len(model.tags.names))]

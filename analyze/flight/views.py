@@ -98,7 +98,9 @@ def toss_views(tracks: Sequence[MarkerTrack], camera: CameraModel, tags: TagSet)
     index = {name: number for number, name in enumerate(tags.names)}
     used = [track for track in tracks if track.marker_id in index]
     if not used:
-        return TossViews(*(np.zeros(shape, dtype=kind) for shape, kind in _EMPTY))
+        none = np.zeros(0, dtype=np.int64)
+        corners, turns, places = np.zeros((0, 4, 2)), np.zeros((0, 3, 3)), np.zeros((0, 3))
+        return TossViews(none, none, none, corners, np.zeros(0), turns, places)
     stamps = np.concatenate([track.time_ns for track in used])
     time_ns, frame = np.unique(stamps, return_inverse=True)
     return TossViews(
@@ -110,15 +112,3 @@ def toss_views(tracks: Sequence[MarkerTrack], camera: CameraModel, tags: TagSet)
         np.concatenate([track.R_camera_marker for track in used]),
         np.concatenate([track.p_camera_marker for track in used]),
     )
-
-
-_EMPTY = (
-    (0, np.int64),
-    (0, np.int64),
-    (0, np.int64),
-    ((0, 4, 2), np.float64),
-    (0, np.float64),
-    ((0, 3, 3), np.float64),
-    ((0, 3), np.float64),
-)
-"""shape and type of each array of `TossViews` without a view"""

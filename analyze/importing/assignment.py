@@ -22,7 +22,7 @@ from analyze.importing.tag_place import TaggedBody
 from analyze.importing.tip_view import TagView, view_by_placed_tag
 from analyze.importing.unplaced_matches import match_unplaced
 from analyze.importing.windows import SKIPPED, Clip, FoundTip, ids_in_order, stated_ids
-from analyze.pipeline.read_evidence import placed_markers
+from analyze.pipeline.object_markers import placed_markers
 from analyze.reading.object_file import ObjectFiles
 from schemas.strike_plan import StrikePlan
 

@@ -22,7 +22,7 @@ from analyze.importing.options import ImportOptions
 from analyze.importing.stated_edges import stated_edges
 from analyze.importing.tip_view import TagView, view_by_placed_tag
 from analyze.importing.windows import BY_IMAGES, SKIPPED, Clip, FoundTip, stated_ids
-from analyze.pipeline.read_evidence import placed_markers
+from analyze.pipeline.object_markers import placed_markers
 from analyze.planning.possible_tips import SAME_TANGENT, PossibleTip, PossibleTips
 from analyze.planning.view import MAX_MARKER_ANGLE
 from analyze.reading.object_file import ObjectFiles

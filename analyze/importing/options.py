@@ -37,6 +37,8 @@ class ImportOptions:
     """tables (CSV) of the frames' times in the order of the sources, `OWN_TIMES` for none; empty to look for
     them in a folder, or beside a video"""
 
+    tosses: tuple[Path, ...] = ()
+    """videos or folders of images that show a toss each, taken whole, with the camera where it stood"""
     edges: tuple[str, ...] = ()
     """edges that the user states for strikes without a plan, as "s1=+x,bottom\""""
 

@@ -32,7 +32,7 @@ from analyze.importing.windows import (
     strike_windows,
     window_around,
 )
-from analyze.pipeline.read_evidence import placed_markers
+from analyze.pipeline.object_markers import placed_markers
 from analyze.progress import Progress, no_progress
 from analyze.reading.object_file import ObjectFiles, read_object_files
 from analyze.sources.open_source import open_source
@@ -76,9 +76,10 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
     with ExitStack() as stack:
         sources = tuple(map(open_source, options.sources, options.source_options()))
         camera = given or camera_of(sources)
-        for source in sources:
+        tosses = tuple(open_source(path, options.source) for path in options.tosses)
+        for source in (*sources, *tosses):
             _refuse_other_camera(source, camera)
-        _refuse_full(options.aside, storable_videos(sources) or ())
+        _refuse_full(options.aside, storable_videos((*sources, *tosses)) or ())
         splits = len(sources) == 1 and not options.whole and len(options.strikes) != 1
         splits = splits and (struck is None or len(struck.plan.strikes) > 1)
         spools = _spools(options, sources, stack)
@@ -129,7 +130,7 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
             struck.text,
             camera,
             sources,
-            images,
+            (*images, *tosses),
             clips,
             windows,
             splits,
@@ -138,6 +139,7 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
             sources[0].rate_hz,
             calibration,
             None if found is None else found.strikes,
+            tosses,
             place,
             stack.pop_all(),
         )

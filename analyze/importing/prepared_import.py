@@ -73,6 +73,8 @@ class PreparedImport:
     """lens and pose of the camera as the recording states them"""
     found: tuple[FoundStrike, ...] | None
     """strikes that were found without a plan, in the order of the windows; None if there was a plan"""
+    tosses: tuple[FrameSource, ...]
+    """sources that show a toss each; `images` ends with them"""
     place: EstimatedCameraPose | None
     """camera pose estimated from the resting object; None if the camera file states the pose"""
     _open: ExitStack
@@ -80,12 +82,12 @@ class PreparedImport:
     @property
     def storable_videos(self) -> tuple[VideoSource, ...] | None:
         """All sources if each is a video that is stored as coded (H.264, H.265); None otherwise."""
-        return storable_videos(self.sources)
+        return storable_videos((*self.sources, *self.tosses))
 
     @property
     def are_files(self) -> bool:
         """True if the images of all sources are PNG or JPEG files, which are stored unchanged."""
-        return all(source.holds_files for source in self.sources)
+        return all(source.holds_files for source in (*self.sources, *self.tosses))
 
     @property
     def formats(self) -> str:
@@ -107,7 +109,7 @@ class PreparedImport:
             *self._unplaced_tags(),
             *self._other_rates(),
             *self._slow_motion(),
-            *_merged_remarks(self.sources),
+            *_merged_remarks((*self.sources, *self.tosses)),
         ]
 
     def _unplaced_tags(self) -> Iterator[str]:

@@ -31,6 +31,8 @@ def render_import(prepared: PreparedImport) -> list[str]:
     """
     Terminal().print(_found_table(prepared) if prepared.found is not None else _table(prepared))
     echo(f"strikes assigned {prepared.assignment.value}{_missing(prepared)}")
+    if prepared.tosses:
+        echo(f"tosses: {', '.join(source.name for source in prepared.tosses)}")
     echo(f"{prepared.rate_hz:.6g} frames per second; {prepared.formats}")
     if prepared.place is not None:
         degrees, millimetres = math.degrees(prepared.place.deviation_rad), 1000 * prepared.place.deviation_m
@@ -123,6 +125,7 @@ def render_written(written: Written, shown: list[str]) -> None:
     size = f"{written.size / 1e6:.1f} MB"
     echo(
         f"written: {written.path}: {counted(written.strikes, 'strike')}, "
+        f"{counted(written.tosses, 'toss')}, "
         f"{counted(written.images, 'image')}, {size}; next: `analyze estimate {written.path}`"
     )
 

@@ -56,6 +56,8 @@ class Written:
     """number of images written"""
     strikes: int
     """number of strikes written, without those that have no images"""
+    tosses: int
+    """number of tosses written"""
     remarks: tuple[str, ...]
     """remarks for the user on sources and camera, missing frames and strikes left out"""
 
@@ -108,7 +110,7 @@ class _Session:
         """log time of the present source's start [ns]"""
         self._end_ns = self.anchor_ns
         self._sequence = 0
-        self.images = self.strikes = 0
+        self.images = self.strikes = self.tosses = 0
         self.remarks: list[str] = []
         self._seen = [_LogTimes() for _ in prepared.windows]
         self._image_topic = _image_topic(prepared)
@@ -126,7 +128,9 @@ class _Session:
         writer, prepared = self._writer, self._prepared
         writer.write_head(manifest(prepared, self.anchor_ns), attachments(prepared))
         calibration = topics.camera_calibration(CAMERA)
-        writer.add_topics(calibration, self._image_topic, self._meta_topic, topics.SESSION_STRIKE, topics.LOG)
+        tossed = (topics.SESSION_TOSS,) if prepared.tosses else ()
+        records = (topics.SESSION_STRIKE, *tossed, topics.LOG)
+        writer.add_topics(calibration, self._image_topic, self._meta_topic, *records)
         writer.write_small(
             calibration, self.anchor_ns, calibration_message(prepared.calibration, CAMERA).SerializeToString()
         )
@@ -146,8 +150,51 @@ class _Session:
             if (remark := missing.remark(source.name)) is not None:
                 self.remarks.append(remark)
             self._at_ns = self._end_ns + SOURCE_GAP_NS
+        tosses = [self._toss_images(number) for number in range(len(prepared.tosses))]
         for seen, window in zip(self._seen, prepared.windows, strict=True):
             self._strike(seen, window)
+        for number, seen in enumerate(tosses, 1):
+            self._toss(number, seen)
+
+    def _toss_images(self, number: int) -> _LogTimes:
+        """Write all images of a toss; return the log times of the first and the last.
+
+        Args:
+            number: index of the toss among all.
+        """
+        prepared, seen, missing = self._prepared, _LogTimes(), MissingFrames(1e9 / self._prepared.rate_hz)
+        clip, source = len(prepared.sources) + number, prepared.tosses[number]
+        whole = [(seen, StrikeWindow(clip, "", 1, None, None, None))]
+        if prepared.storable_videos is None:
+            self._images(source, whole, missing)
+        else:
+            self._video(prepared.storable_videos[clip], whole, missing)
+        if (remark := missing.remark(source.name)) is not None:
+            self.remarks.append(remark)
+        self._at_ns = self._end_ns + SOURCE_GAP_NS
+        return seen
+
+    def _toss(self, number: int, seen: _LogTimes) -> None:
+        """Write the record of a toss, in the plan's order where it plans tosses; none without images.
+
+        Args:
+            number: number of the toss, from 1.
+            seen: log times of its first and last image.
+        """
+        planned = [toss.id for toss in self._prepared.plan.tosses]
+        name = planned[number - 1] if number <= len(planned) else f"t{number}"
+        if seen.first_ns is None:
+            self.remarks.append(f"toss {name}: has no images and is left out")
+            return
+        record = pb.TossRecord(
+            toss_id=f"{name}.1",
+            plan_toss_id=name,
+            attempt=1,
+            window_start_ns=seen.first_ns,
+            window_end_ns=seen.last_ns,
+        )
+        self.tosses += 1
+        self._writer.write_small(topics.SESSION_TOSS, seen.last_ns, record.SerializeToString())
 
     def _images(
         self, source: FrameSource, windows: list[tuple[_LogTimes, StrikeWindow]], missing: MissingFrames
@@ -271,7 +318,7 @@ class _Session:
 
     def _report_progress(self, source: FrameSource) -> None:
         total = (
-            sum(each.frame_count or 0 for each in self._prepared.sources)
+            sum(each.frame_count or 0 for each in (*self._prepared.sources, *self._prepared.tosses))
             if self._prepared.storable_videos
             else self.images
         )
@@ -365,7 +412,8 @@ def write_recording(
         session.write()
         content_id = writer.finish()
         remarks = tuple(dict.fromkeys([*prepared.remarks(), *session.remarks]))
-        return Written(output, content_id, writer.size, session.images, session.strikes, remarks)
+        counts = session.images, session.strikes, session.tosses
+        return Written(output, content_id, writer.size, *counts, remarks)
 
 
 def _log(time_ns: int, text: str) -> Log:

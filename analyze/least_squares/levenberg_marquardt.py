@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 HUBER_THRESHOLD = 2.5
 """Standard deviations above which a residual counts less than its square."""
-_MAX_STEPS = 40
+MAX_STEPS = 40
+"""Number of steps after which the iteration ends, unless another is given."""
 _START_DAMPING = 1e-3
 _MAX_DAMPING = 1e9
 _MIN_POSITIVE = 0.1
@@ -56,7 +57,13 @@ class Minimum:
 
 
 def minimise(
-    observed: Array, sd: Array, model: Model, start: Array, scale: Array, positive_index: int = 1
+    observed: Array,
+    sd: Array,
+    model: Model,
+    start: Array,
+    scale: Array,
+    positive_index: int = 1,
+    max_steps: int = MAX_STEPS,
 ) -> Minimum:
     """Parameters (p,) that minimise the Huber loss of (observed - expected) / sd.
 
@@ -68,12 +75,13 @@ def minimise(
         start: (p,) first parameters.
         scale: (p,) typical changes of the parameters, for conditioning and convergence.
         positive_index: index of the parameter that must stay above 0.1, in its own unit.
+        max_steps: number of steps after which the iteration ends.
 
     Returns:
         Parameters (p,) after the last accepted step; there, the residuals (n,) observed - expected in the
         observations' unit, the derivatives (n, p) of the expected values by the parameters, and Huber's
-        weight (n,), 0..1, of each observation. The iteration ends after 40 steps at the latest, converged or
-        not.
+        weight (n,), 0..1, of each observation. The iteration ends after `max_steps` at the latest, converged
+        or not.
     """
 
     def evaluate(x: Array) -> tuple[Array, Array]:
@@ -84,7 +92,7 @@ def minimise(
     residual, jacobian = evaluate(x)
     weight = _weights(residual / sd)
     cost = float(np.sum(weight * (residual / sd) ** 2))
-    for _ in range(_MAX_STEPS):
+    for _ in range(max_steps):
         J = jacobian * (np.sqrt(weight) / sd)[:, None] * scale
         r = residual * np.sqrt(weight) / sd
         normal, gradient = J.T @ J, J.T @ r

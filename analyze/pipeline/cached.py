@@ -11,9 +11,11 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from analyze.errors import TrackingError
+from analyze.flight.toss import TossMotion
 from analyze.pipeline.estimate import Estimate, EstimateOptions, estimate_evidence
 from analyze.pipeline.evidence import Evidence, StrikeReading
 from analyze.pipeline.read_evidence import read_strike
+from analyze.pipeline.tosses import read_toss
 from analyze.reading.recording import Recording
 from analyze.tracking.track import TrackingReport
 from analyze.types import TipMotion
@@ -23,7 +25,7 @@ from schemas.wording import counted
 
 if TYPE_CHECKING:
     from analyze.cache.results import ResultCache
-    from analyze.pipeline.evidence import RecordingHead, StrikeReader, StrikeSource, StruckObject
+    from analyze.pipeline.evidence import RecordingHead, StrikeReader, StrikeSource, StruckObject, TossReader
     from analyze.types import Marker
     from schemas.proto import percuss_pb2 as pb
 
@@ -63,6 +65,15 @@ def cached_strike_reader(cache: ResultCache | None) -> StrikeReader:
         cache: cache of results; None to read every strike from its images.
     """
     return read_strike if cache is None else partial(_read_strike, cache)
+
+
+def cached_toss_reader(cache: ResultCache | None) -> TossReader:
+    """Function that reads one toss (tracks its markers, fits its flight), or takes it from the cache.
+
+    Args:
+        cache: cache of results; None to read every toss from its images.
+    """
+    return read_toss if cache is None else partial(_read_toss, cache)
 
 
 def estimate_with_cache(
@@ -121,10 +132,30 @@ def _read_strike(
     return StrikeReading(record, kept.motion, kept.report, problem, kept.frames_lost)
 
 
+def _read_toss(
+    cache: ResultCache,
+    recording: StrikeSource,
+    struck: StruckObject,
+    markers: list[Marker],
+    record: pb.TossRecord,
+) -> TossMotion:
+    if not isinstance(recording, Recording) or recording.content_id is None or recording.damaged_chunks:
+        return read_toss(recording, struck, markers, record)
+    try:
+        inputs = _inputs_of_reading(recording, struck, markers, record)
+    except OSError:  # a file was renamed or removed meanwhile; it is still open
+        return read_toss(recording, struck, markers, record)
+    label = f"toss {record.toss_id} of {recording.path.name}"
+    return cache.get(TossMotion, inputs, label, lambda: read_toss(recording, struck, markers, record))
+
+
 def _inputs_of_reading(
-    recording: Recording, struck: StruckObject, markers: list[Marker], record: pb.StrikeRecord
+    recording: Recording,
+    struck: StruckObject,
+    markers: list[Marker],
+    record: pb.StrikeRecord | pb.TossRecord,
 ) -> tuple[object, ...]:
-    """Values that one strike's reading depends on; together they are its key in the cache.
+    """Values that the reading of one strike or toss depends on; together they are its key in the cache.
 
     The images are identified by the files' sealed hashes. Size and time of change of the files show whether
     one was damaged since it was sealed.

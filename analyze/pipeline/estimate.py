@@ -44,6 +44,7 @@ from analyze.pipeline.prediction import StrikePrediction, predict_strikes
 from analyze.pipeline.shells import region_masses
 from analyze.pipeline.solved import EstimateOptions, recorded_in, solve_strikes
 from analyze.pipeline.surface_error import SurfaceError
+from analyze.pipeline.tosses import FlightAnswer
 from analyze.pipeline.what_ifs import estimate_alternatives
 from analyze.planning.stable_planes import resting_planes
 from analyze.types import EquiPlane
@@ -133,6 +134,8 @@ class Estimate:
     """error of the shape's faces, assumed and estimated; None if the object file states it"""
     fixture: FixtureEstimate | None = None
     """body that was struck, and errors by their cause, where the object is held in a fixture; else None"""
+    flight: FlightAnswer | None = None
+    """answer of the tosses; part of the estimate if it agrees with the strikes; None without a good toss"""
 
     @property
     def com(self) -> CentreOfMass:
@@ -227,6 +230,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         rest=turns_at_rest(evidence, used),
         surface_error=solved.surface_error,
         fixture=solved.fixture,
+        flight=solved.flight,
     )
 
 

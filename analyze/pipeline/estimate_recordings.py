@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from analyze.errors import EstimationError
-from analyze.pipeline.cached import cached_strike_reader, estimate_with_cache
+from analyze.pipeline.cached import cached_strike_reader, cached_toss_reader, estimate_with_cache
 from analyze.pipeline.estimate import Estimate, EstimateOptions
 from analyze.pipeline.merge import (
     by_start_time,
@@ -116,7 +116,15 @@ def read_recordings(
     read: list[Evidence] = []
     for head in heads:
         mine = offset_progress(progress, done, total, f"{head.path.name}, " if len(heads) > 1 else "")
-        read.append(read_evidence(head, options.object_path, mine, reader=cached_strike_reader(cache)))
+        read.append(
+            read_evidence(
+                head,
+                options.object_path,
+                mine,
+                reader=cached_strike_reader(cache),
+                toss_reader=cached_toss_reader(cache),
+            )
+        )
         done += len(head.strike_ids)
     return read
 

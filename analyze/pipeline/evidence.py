@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 from analyze.errors import TrackingError
+from analyze.flight.toss import TossMotion
 from analyze.geometry.bodies import Body
 from analyze.geometry.object_model import ObjectModel
 from analyze.motion.next_line import carried_strike
@@ -143,6 +144,8 @@ class StrikeReading:
     """frames lost within the strike's window"""
 
 
+TossReader = Callable[["StrikeSource", "StruckObject", list[Marker], pb.TossRecord], TossMotion]
+"""function that reads one toss: recording, object, markers, and the recording's entry of it"""
 StrikeReader = Callable[[StrikeSource, StruckObject, list[Marker], pb.StrikeRecord], StrikeReading]
 """function that reads one strike: recording, object, markers to track, and the recording's entry of it"""
 
@@ -178,11 +181,13 @@ class Evidence:
     software: str = "percuss"
     """name and version of the program that read the recordings"""
     recorded_in: Mapping[str, int] = field(default_factory=dict[str, int])
-    """index into `recordings` by strike id; empty for one recording"""
+    """index into `recordings` by id of strike or toss; empty for one recording"""
     bodies: tuple[Body, ...] = ()
     """closed bodies of the shape's mesh, largest first; empty unless the object's labels name bodies"""
     choices: Mapping[str, str] = field(default_factory=dict[str, str])
     """reasons for choosing a strike by strike id, where a session that stops itself chose it"""
+    tosses: tuple[TossMotion, ...] = ()
+    """tosses in the order of the recordings, with their free flights"""
 
     @property
     def manifest(self) -> SessionManifest:

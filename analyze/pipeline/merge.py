@@ -13,6 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from analyze.errors import EstimationError, MergeError
+from analyze.flight.toss import TossMotion
 from analyze.geometry.edge_line import SAME_LINE, EdgeLine
 from analyze.pipeline.evidence import Evidence, RecordingHead
 from analyze.types import TipMotion
@@ -152,6 +153,7 @@ def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
     planned: list[tuple[PlannedStrike, str]] = []
     strikes: list[PlannedStrike] = []
     motions: list[TipMotion] = []
+    tosses: list[TossMotion] = []
     recorded_in: dict[str, int] = {}
     for i, (each, ids) in enumerate(zip(ordered, merged_axis_ids(ordered), strict=True)):
         plan_ids: dict[str, str] = {}
@@ -164,6 +166,10 @@ def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
         for motion in each.motions:
             name = merged_id(heads, i, motion.strike_id)
             motions.append(replace(motion, strike_id=name, plan_strike_id=plan_ids[motion.plan_strike_id]))
+            recorded_in[name] = i
+        for toss in each.tosses:
+            name = merged_id(heads, i, toss.toss_id)
+            tosses.append(replace(toss, toss_id=name))
             recorded_in[name] = i
     return replace(
         first,
@@ -180,6 +186,7 @@ def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
         impacts=merged([each.impacts for each in ordered]),
         choices=merged([each.choices for each in ordered]),
         recorded_in=recorded_in,
+        tosses=tuple(tosses),
     )
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from analyze.errors import PlanError, TrackingError
+from analyze.flight.toss import TossMotion
 from analyze.geometry.bodies import bodies_of
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.geometry.station import turned_camera
@@ -27,15 +28,18 @@ from analyze.pipeline.evidence import (
     StrikeReading,
     StrikeSource,
     StruckObject,
+    TossReader,
 )
+from analyze.pipeline.object_markers import placed_markers
 from analyze.pipeline.sections import next_face_angle, rolling_outline, scanned_edge_sd, strike_supports
+from analyze.pipeline.tosses import read_toss
 from analyze.planning.corrected import corrected_plan
 from analyze.progress import Progress
 from analyze.reading.object_file import read_object_files
 from analyze.reading.recording import Recording, open_recording
 from analyze.tracking.camera_model import camera_from_spec
 from analyze.tracking.track import TrackingReport, track_markers
-from analyze.types import MARKER_PLACE_SD, MARKER_TURN_SD, Marker, TipMotion
+from analyze.types import Marker, TipMotion
 from schemas.object_spec import ObjectSpec, object_sha256
 from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import RIG_ATTACHMENT, TimeSource
@@ -79,38 +83,13 @@ def read_open_head(recording: Recording) -> RecordingHead:
     )
 
 
-def placed_markers(spec: ObjectSpec) -> list[Marker]:
-    """Markers (square tags) of the object: name, edge length [m], and pose in the object frame O.
-
-    The pose is None where the object file does not give it. The 1 sigma of a marker's place [m] and turn
-    [rad] on the object is that of the object file, or else a default.
-    """
-    return [
-        Marker(
-            marker.name,
-            marker.size_m,
-            None if marker.T_object_marker is None else np.array(marker.T_object_marker),
-            MARKER_PLACE_SD if marker.place_sd_m is None else marker.place_sd_m,
-            MARKER_TURN_SD if marker.turn_sd_rad is None else marker.turn_sd_rad,
-        )
-        for marker in spec.marker
-    ]
-
-
-def unplaced_markers(spec: ObjectSpec) -> list[Marker]:
-    """Markers (square tags) of the object: name and edge length [m], without poses.
-
-    A pose in the object file is not used.
-    """
-    return [Marker(marker.name, marker.size_m, None) for marker in spec.marker]
-
-
 def read_evidence(
     head: RecordingHead,
     object_path: Path | None = None,
     progress: Progress | None = None,
     markers_of: Callable[[ObjectSpec], list[Marker]] = placed_markers,
     reader: StrikeReader | None = None,
+    toss_reader: TossReader | None = None,
 ) -> Evidence:
     """Track the markers and fit the motion of every strike of a recording; return these as evidence.
 
@@ -121,6 +100,7 @@ def read_evidence(
         markers_of: function from the object file's contents to the markers to track: `placed_markers`, or
             `unplaced_markers` to ignore the poses in the file.
         reader: function that reads one strike; None for `read_strike`.
+        toss_reader: function that reads one toss; None for `read_toss`.
 
     Returns:
         Fitted motions and tracking reports, with object, shape and plan.
@@ -139,7 +119,12 @@ def read_evidence(
             if progress is not None:
                 progress(f"strike {record.strike_id}", done, len(head.strike_ids))
             readings.append((reader or read_strike)(recording, struck, markers, record))
-        return evidence_from_readings(head, struck, readings)
+        tosses: list[TossMotion] = []
+        for record in recording.tosses:
+            if progress is not None:
+                progress(f"toss {record.toss_id}", len(head.strike_ids), len(head.strike_ids))
+            tosses.append((toss_reader or read_toss)(recording, struck, markers, record))
+        return replace(evidence_from_readings(head, struck, readings), tosses=tuple(tosses))
 
 
 def struck_object(recording: StrikeSource, object_path: Path | None = None) -> StruckObject:

@@ -15,6 +15,7 @@ from analyze.estimation.inertia import inertial_parameters_from_joint, shape_pri
 from analyze.estimation.joint import JointSolution, MomentModel, solve_joint
 from analyze.estimation.markers import can_subtract, without_markers
 from analyze.estimation.mass_properties import InertialParameters
+from analyze.estimation.moment_prior import with_flight
 from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
 from analyze.estimation.profile import profiled_posterior
 from analyze.geometry.voxels import voxelise
@@ -22,9 +23,11 @@ from analyze.pipeline.equiplanes import equiplanes, systematic_errors
 from analyze.pipeline.evidence import Evidence
 from analyze.pipeline.fixture import FixtureEstimate, object_alone
 from analyze.pipeline.frame_rate import FrameRate, check_frame_rates, drop_untimed_k, stated_scale
+from analyze.pipeline.object_markers import placed_markers
 from analyze.pipeline.rim_heading import with_heading_errors
 from analyze.pipeline.surface_error import SurfaceError, with_surface_error
 from analyze.pipeline.too_few import too_few_text
+from analyze.pipeline.tosses import FlightAnswer, answer_of_flights, disagreement
 from analyze.types import EquiPlane, TipMotion
 from schemas.strike_result import USABLE_VERDICTS
 
@@ -92,6 +95,8 @@ class SolvedStrikes:
     """checked frame rates of recordings whose times come from a video file"""
     surface_error: SurfaceError | None
     """error of the shape's faces, assumed and estimated; None if the object file states it"""
+    flight: FlightAnswer | None
+    """answer of the tosses; used in the solution if it agrees with the strikes; None without a good toss"""
     struck_cells: Cells
     """the body that tipped, divided into cells"""
     cells: Cells
@@ -126,6 +131,18 @@ def solve_strikes(evidence: Evidence, options: EstimateOptions) -> SolvedStrikes
     planes, scale = drop_untimed_k(evidence, stated_planes, scale, rates)
     moments = replace(moments, scale=scale)
     solution = solve_joint(planes, systematic, prior, moments)
+    flight = answer_of_flights(evidence, placed_markers(spec), options.exclude)
+    if flight is not None:
+        alone = inertial_parameters_from_joint(solution, prior, scale)
+        flight = replace(
+            flight,
+            disagreement=disagreement(flight.estimate, solution),
+            sd_without=alone.inertia_sd,
+            measured_without=alone.measured,
+        )
+        if flight.agrees:
+            moments = replace(moments, prior=with_flight(moments.prior, flight.estimate))
+            solution = solve_joint(planes, systematic, prior, moments, solution)
     posterior = profiled_posterior(planes, systematic, prior, moments, solution)
     struck = inertial_parameters_from_joint(solution, prior, scale, posterior)
     checks = check_solution(
@@ -150,6 +167,7 @@ def solve_strikes(evidence: Evidence, options: EstimateOptions) -> SolvedStrikes
         radius_check=radius_check,
         rates=tuple(rates),
         surface_error=surface_error,
+        flight=flight,
         struck_cells=struck_cells,
         cells=cells,
     )

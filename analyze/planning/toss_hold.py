@@ -51,7 +51,7 @@ def best_hold(spec: ObjectSpec, axis: Array) -> Hold:
     towards = -(rotations @ normals.T)[:, 1]
     phase, tag = np.unravel_index(int(np.argmax(np.round(towards, 6))), towards.shape)
     seen = float((towards.max(axis=1) >= np.cos(STEEPEST_RAD)).mean())
-    return Hold(axis, rotations[int(phase)], seen, placed[int(tag)].name)
+    return Hold(axis, rotations[int(phase)], seen, str(placed[int(tag)].name))
 
 
 def _turned_to(direction: Array, target: Array) -> Array:
@@ -60,5 +60,6 @@ def _turned_to(direction: Array, target: Array) -> Array:
     sine, cosine = float(np.linalg.norm(across)), float(direction @ target)
     if sine < 1e-9:
         other = np.cross(target, np.eye(3)[int(np.argmin(np.abs(target)))])
-        return np.eye(3) if cosine > 0 else matrix_from_vector(np.pi * other / np.linalg.norm(other))
+        half_turn = np.asarray(np.pi * other / np.linalg.norm(other), dtype=float)
+        return np.eye(3) if cosine > 0 else matrix_from_vector(half_turn)
     return matrix_from_vector(across / sine * np.arctan2(sine, cosine))

@@ -10,6 +10,7 @@ Frames: W (world, z up, table z = 0) and O (object); c is the centre of mass.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,12 +19,13 @@ from analyze.errors import PlanError
 from analyze.geometry.rotations import apply, inverse_transform
 from analyze.planning.examine import Bench
 from analyze.planning.hypothesis import Hypothesis
+from analyze.planning.prepared import PreparedObject
 from analyze.planning.toss_card import toss_card
 from analyze.planning.toss_hold import Hold, best_hold
 from analyze.tracking.camera_model import project
 from analyze.types import Array, CameraModel
 from schemas.object_spec import ObjectSpec
-from schemas.strike_plan import PlannedToss, Range
+from schemas.strike_plan import TOSS_PLAN_VERSION, PlannedToss, Range, StrikePlan
 
 TURNS_PER_S = Range(min=2.0, target=3.0, max=4.0)
 """spin [turns/s]: slower ones turn too little in the air, faster ones blur the tags"""
@@ -37,6 +39,8 @@ MARGIN_M = 0.03
 """distance of the flight from the image's upper and lower end [m]: a hand does not throw more exactly"""
 BORDER_PX = 5.0
 """border of the image that counts as outside [px]"""
+NEAR_PRINCIPAL_RAD = np.radians(5.0)
+"""angle to a principal axis within which a spin determines no product of inertia"""
 DIRECTIONS = 1000
 """number of directions among which the spin axes are chosen"""
 APART = 54.74 / 70.53
@@ -56,6 +60,39 @@ class FlightPlace:
     """(3,) place of c at the top of the flight, in W [m]"""
     tag_px: float
     """mean edge of the smallest tag there, if it faces the camera [px]"""
+
+
+def with_tosses(plan: StrikePlan, prepared: PreparedObject, count: int) -> StrikePlan:
+    """Plan with `count` tosses added after its strikes, and `toss_notes` to its warnings; itself for none.
+
+    Raises:
+        PlanError: no toss can be planned.
+    """
+    if count == 0:
+        return plan
+    tosses = plan_tosses(prepared.spec, prepared.believed, prepared.bench, count)
+    warnings = [*plan.warnings, *toss_notes(tosses)]
+    return plan.model_copy(
+        update={"tosses": tosses, "schema_version": TOSS_PLAN_VERSION, "warnings": warnings}
+    )
+
+
+def toss_notes(tosses: Sequence[PlannedToss]) -> list[str]:
+    """Notes for the user on what tosses will determine less well; usually none."""
+    notes: list[str] = []
+    flight = tosses[0].flight_s.target
+    if flight < WISHED_S:
+        notes.append(
+            f"tosses last {flight:.2f} s, so that the image shows them whole with tags of "
+            f"{LEAST_TAG_PX:g} px; from {WISHED_S:g} s on they determine the inertia better: larger tags "
+            "allow that"
+        )
+    if max(toss.principal_axis_angle_rad or 0.0 for toss in tosses) < NEAR_PRINCIPAL_RAD:
+        notes.append(
+            "the three moments of inertia are expected to be equal, so that every axis is a principal axis: "
+            "tosses show whether they are, but determine no product of inertia well"
+        )
+    return notes
 
 
 def plan_tosses(spec: ObjectSpec, believed: Hypothesis, bench: Bench, count: int) -> list[PlannedToss]:

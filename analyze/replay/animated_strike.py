@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.geometry.station import turned_camera
-from analyze.pipeline.read_evidence import placed_markers, read_strike, struck_object
+from analyze.pipeline.object_markers import placed_markers
+from analyze.pipeline.read_evidence import read_strike, struck_object
 from analyze.pipeline.sections import rolling_outline
 from analyze.replay import overlay, views
 from analyze.replay.viewer import ReplayError

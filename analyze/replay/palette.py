@@ -52,6 +52,7 @@ SESSION = {
     "striking": 0xE6642CFF,
     "recording": 0x3D8FDDFF,
     "judging": 0xC878A8FF,
+    "tossing": 0x56B4E9FF,
     "finished": 0x2FA97BFF,
     "aborted": 0xB03A3AFF,
 }

@@ -197,7 +197,8 @@ class Sender:
     def _object(self, source: StrikeSource) -> tuple[StruckObject | None, SceneInputs | None]:
         if not self._object_requested:
             self._object_requested = True
-            from analyze.pipeline.read_evidence import placed_markers, struck_object
+            from analyze.pipeline.object_markers import placed_markers
+            from analyze.pipeline.read_evidence import struck_object
             from analyze.replay.body import SceneInputs, log_shape
             from analyze.tracking.camera_model import camera_from_spec
 

@@ -10,6 +10,7 @@ from analyze.pipeline.filling import filling_label
 from analyze.result.assessment import assessment
 from analyze.result.filling import filling_document, filling_warnings
 from analyze.result.fixture import fixture_document
+from analyze.result.flight import flight_document
 from analyze.result.frame_times import frame_times_documents
 from analyze.result.quantities import (
     com_quantity,
@@ -77,6 +78,7 @@ def result_document(estimate: Estimate) -> Result:
             filling=filling,
             frame_times=frame_times or None,
             fixture=fixture_document(estimate.fixture),
+            flight=flight_document(estimate),
             robustness=robustness_documents(estimate) or None,
         )
     )

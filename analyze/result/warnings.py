@@ -10,6 +10,7 @@ from analyze.estimation.markers import can_subtract
 from analyze.reading.file_series import missing_files_text
 from analyze.reading.planned_strikes import planned_strikes
 from analyze.result.assessment import MAX_OUTSIDE_SD, gravity_text, prediction_text
+from analyze.result.flight import flight_warnings
 from analyze.result.frame_times import unchecked_text, wrong_text
 from analyze.result.strike_warnings import (
     MIN_STRIKES_FOR_OUTLIERS,
@@ -68,6 +69,7 @@ def result_warnings(estimate: Estimate, frame_times: Sequence[FrameTimes]) -> li
         *_marker_mass_warnings(estimate.evidence.spec),
         *_part_warnings(estimate.parts),
         *_time_source_warnings(estimate.evidence),
+        *flight_warnings(estimate),
     ]
 
 

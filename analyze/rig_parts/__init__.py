@@ -1,1 +1,1 @@
-"""Printable parts of a rig: arm, pad, horn adapters, bearing hub, camera holder, mat clamp."""
+"""Printable parts of a rig: arm, hinge, holders of servo, solenoid, camera and lamps, mat clamp."""

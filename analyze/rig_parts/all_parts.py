@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,12 +10,23 @@ import numpy as np
 from analyze.errors import FixtureError
 from analyze.fixture.checks import PrintChecks, check_print
 from analyze.fixture.print_mass import PrintMaterial, printed_mass
-from analyze.rig_parts.holders import camera_holder, mat_clamp
+from analyze.rig_parts.arm_part import BACK, PIN_STEP, arm
+from analyze.rig_parts.ballast import Ballast, ballast_of
+from analyze.rig_parts.bought import SERVOS
+from analyze.rig_parts.hinge_parts import (
+    LONG_SPACER,
+    SHORT_SPACER,
+    axle_plate,
+    bearing_hub,
+    horn_adapter,
+    spacer,
+)
+from analyze.rig_parts.mat_clamp import mat_clamp
 from analyze.rig_parts.solids import RigPart
-from analyze.rig_parts.striker_parts import HORNS, arm, bearing_hub, horn_adapter, pad
+from analyze.rig_parts.stand_parts import camera_holder, lamp_holder, servo_holder, solenoid_holder
 
-BOLT_KG = 0.0065
-"""Mass of the tip's bolt with its nut, M4 x 50 in steel [kg]."""
+G_M_S2 = 9.81
+"""Gravity [m/s^2] for the speeds of a pendulum."""
 
 
 @dataclass(frozen=True)
@@ -35,16 +47,55 @@ class RigPrints:
     parts: tuple[CheckedPart, ...]
     arm_length_m: float
     """Distance from the hinge's axis to the tip [m]."""
-    arm_effective_kg: float
-    """Effective mass at the tip of arm, pad and bolt [kg]: moment of inertia about the hinge / length^2."""
+    arm_inertia_kg_m2: float
+    """Moment of inertia of the printed arm about the hinge [kg m^2]."""
+    arm_moment_kg_m: tuple[float, float]
+    """Printed arm's mass times its centre's distances below and behind the hinge [kg m]."""
 
-    def ballast_kg(self, effective_mass_kg: float) -> float:
-        """Mass to screw to the tip for an effective mass there [kg]; 0 if the arm alone has it.
+    @property
+    def arm_effective_kg(self) -> float:
+        """Effective mass at the tip of the printed arm [kg]: moment of inertia about the hinge / length^2."""
+        return self.arm_inertia_kg_m2 / self.arm_length_m**2
+
+    def ballast(self, effective_mass_kg: float) -> Ballast:
+        """Washers and bolt at the tip that come nearest to an effective mass there.
 
         Args:
             effective_mass_kg: wanted effective mass [kg], less that of the servo's rotor.
         """
-        return max(0.0, effective_mass_kg - self.arm_effective_kg)
+        share = self._ballast_radius_m**2 / self.arm_length_m**2
+        return ballast_of(max(0.0, effective_mass_kg - self.arm_effective_kg) / share)
+
+    def effective_kg(self, ballast: Ballast) -> float:
+        """Effective mass at the tip of the arm with its ballast [kg]."""
+        share = self._ballast_radius_m**2 / self.arm_length_m**2
+        return self.arm_effective_kg + ballast.mass_kg * share
+
+    def pendulum_speed(self, ballast: Ballast, angle_rad: float) -> float:
+        """Tip speed [m/s] at contact of a pendulum that is let go at an angle before contact.
+
+        Energy of a rigid pendulum: I w^2 / 2 = m g (fall of the centre of mass), v = w L. The centre of mass
+        lies behind the line from the hinge to the pad, so that it goes on falling beyond contact.
+
+        Args:
+            ballast: washers and bolt at its tip.
+            angle_rad: angle by which it is drawn back from where the pad touches [rad].
+        """
+        below = self.arm_moment_kg_m[0] + ballast.mass_kg * self.arm_length_m
+        behind = self.arm_moment_kg_m[1] + ballast.mass_kg * BACK / 1000
+        # Height of the centre of mass at the angle a: -(below cos a) + behind sin a, a > 0 drawn back.
+        fall = below * (1 - math.cos(angle_rad)) + behind * math.sin(angle_rad)
+        inertia = self.effective_kg(ballast) * self.arm_length_m**2
+        return self.arm_length_m * math.sqrt(max(0.0, 2 * G_M_S2 * fall / inertia))
+
+    def pin_speeds(self, ballast: Ballast) -> dict[int, float]:
+        """Tip speeds [m/s] by the angles [deg] at which the pin holds a pendulum back."""
+        angles = [round(PIN_STEP / 2 * step) for step in range(1, 7)]
+        return {angle: self.pendulum_speed(ballast, math.radians(angle)) for angle in angles}
+
+    @property
+    def _ballast_radius_m(self) -> float:
+        return math.hypot(self.arm_length_m, BACK / 1000)
 
 
 def rig_prints(arm_length_m: float, material: PrintMaterial | None = None) -> RigPrints:
@@ -58,19 +109,24 @@ def rig_prints(arm_length_m: float, material: PrintMaterial | None = None) -> Ri
         FixtureError: the arm cannot be printed in one piece, or a part fails a check.
     """
     material = material or PrintMaterial(infill=0.3)
-    length = 1000 * arm_length_m
     parts = [
-        arm(length),
-        pad(),
-        *(horn_adapter(horn) for horn in HORNS),
+        arm(1000 * arm_length_m),
+        *(make(servo) for servo in SERVOS for make in (horn_adapter, servo_holder)),
         bearing_hub(),
+        spacer(SHORT_SPACER, "spacer-short", 2),
+        spacer(LONG_SPACER, "spacer-long", 1),
+        axle_plate(),
+        solenoid_holder(),
         camera_holder(),
+        lamp_holder(),
         mat_clamp(),
     ]
     found = tuple(_checked(part, material) for part in parts)
-    inertia = _inertia_about_hinge(found[0], material)
-    at_tip = found[1].mass_kg + BOLT_KG
-    return RigPrints(found, arm_length_m, inertia / arm_length_m**2 + at_tip)
+    printed = printed_mass(found[0].part.mesh, material)
+    below, forward = printed.mass * printed.com[:2]
+    away = float(np.hypot(printed.com[0], printed.com[1]))
+    inertia = printed.mass * (float(printed.unit_inertia[2, 2]) + away**2)
+    return RigPrints(found, arm_length_m, inertia, (float(below), float(-forward)))
 
 
 def _checked(part: RigPart, material: PrintMaterial) -> CheckedPart:
@@ -78,10 +134,3 @@ def _checked(part: RigPart, material: PrintMaterial) -> CheckedPart:
     if problems := checks.problems:
         raise FixtureError(f"{part.name}: {', '.join(problems)}: change arm_length_m")
     return CheckedPart(part, checks, printed_mass(part.mesh, material).mass)
-
-
-def _inertia_about_hinge(arm_part: CheckedPart, material: PrintMaterial) -> float:
-    """Moment of inertia of the printed arm about its hinge, the z axis [kg m^2]."""
-    printed = printed_mass(arm_part.part.mesh, material)
-    away = float(np.hypot(printed.com[0], printed.com[1]))
-    return printed.mass * (float(printed.unit_inertia[2, 2]) + away**2)

@@ -76,6 +76,13 @@ def bore_y(diameter: float, x: float, z: float, y0: float, y1: float) -> Solid:
     )
 
 
+def bore_x(diameter: float, y: float, z: float, x0: float, x1: float) -> Solid:
+    """Cylinder along x from x0 to x1, with its axis through (y, z) [mm]."""
+    return (
+        Solid.cylinder(x1 - x0, diameter / 2, -1.0, SEGMENTS).rotate((0.0, 90.0, 0.0)).translate((x0, y, z))
+    )
+
+
 def hexagon(across_flats: float, z0: float, z1: float, x: float = 0.0, y: float = 0.0) -> Solid:
     """Hexagonal prism along z, of the given width across flats, with its axis through (x, y) [mm]."""
     radius = across_flats / math.sqrt(3)

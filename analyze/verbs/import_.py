@@ -44,6 +44,8 @@ class _ImportArguments:
     them"""
     topic: str | None
     """topic of the images in an MCAP file or bag; None for the only one"""
+    tosses: tuple[Path, ...]
+    """videos or folders of images that show a toss each"""
     whole: bool
     """True to take each source as one strike"""
     yes: bool
@@ -112,6 +114,13 @@ class _ImportArguments:
     metavar="NAME",
     help="For an MCAP file or ROS 2 bag: topic of the images.  [default: the only one]",
 )
+@path_option(
+    "--toss",
+    "tosses",
+    multiple=True,
+    help="A video or folder of images of a toss, with the camera where it stands for the strikes; once per"
+    " toss.",
+)
 @click.option(
     "--whole", is_flag=True, help="Take each source as one strike, from its first to its last image."
 )
@@ -166,7 +175,8 @@ def _import_options(arguments: _ImportArguments) -> ImportOptions:
         )
     if arguments.edges and arguments.plan_path is not None:
         raise click.UsageError("--edge states edges of strikes without a plan: leave out --edge, or --plan")
-    inputs = [*arguments.sources, *arguments.times, arguments.object_path, arguments.plan_path, camera]
+    films = [*arguments.sources, *arguments.tosses, *arguments.times]
+    inputs = [*films, arguments.object_path, arguments.plan_path, camera]
     refuse_outputs([output], inputs=inputs, force=arguments.force)
     if output is not None:
         refuse_taken(output, replace=arguments.force)
@@ -181,6 +191,7 @@ def _import_options(arguments: _ImportArguments) -> ImportOptions:
         arguments.capture_fps_sd,
         None if output is None or arguments.dry_run else output.parent,
         arguments.times,
+        arguments.tosses,
         arguments.edges,
     )
 

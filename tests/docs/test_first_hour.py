@@ -71,6 +71,7 @@ GIVEN = {
     "docs/how-to/import-videos.md": newcomer_files.write_one_video,
     "docs/how-to/object-file.md": newcomer_files.write_corrected_object,
     "docs/how-to/parts.md": newcomer_files.write_labelled_object,
+    "docs/how-to/rig-parts.md": newcomer_files.write_block_and_rig,
 }
 """files that a page takes for granted, besides those of the phone tutorial"""
 VIRTUAL_RIG = [

@@ -7,7 +7,7 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from acquire.virtual.devices import rig_toml
 from acquire.virtual.objects import load_object
 from acquire.virtual.operator import VirtualOperator
 from acquire.virtual.station import calibration_sheet
+from acquire.virtual.toss import TossKind
 from acquire.virtual.usb_library import FOLDER, library_environment
 from tests.acquire.virtual.world_link import WorldLink
 from tests.loopback import loopback
@@ -59,6 +60,8 @@ class SessionRig:
     strikes: int = 3
     """number of planned strikes"""
     kinds: DeviceKinds = USUAL_KINDS
+    tosses: int = 0
+    """number of planned tosses"""
 
     def __post_init__(self) -> None:
         thing = load_object(OBJECT, SEED)
@@ -83,6 +86,8 @@ class SessionRig:
             str(rig),
             "--strikes",
             str(self.strikes),
+            "--tosses",
+            str(self.tosses),
         ]
         planned = subprocess.run(
             [sys.executable, "-m", "analyze", "plan", *plan], check=False, capture_output=True, text=True
@@ -107,14 +112,17 @@ class SessionRig:
         name: str = "r.mcap",
         target: Target | None = None,
         earlier: EarlierStrikes | None = None,
+        only_tosses: bool = False,
+        kinds: Sequence[TossKind] = (TossKind.GOOD,),
     ) -> SessionReport:
         """Run a session with the virtual operator; its recording is called `name`."""
         world = self.world()
         client = self.cleanup.enter_context(contextlib.closing(DaemonClient(self.daemon.socket)))
-        with contextlib.closing(VirtualOperator(self.daemon.socket, world, SEED)):
+        with contextlib.closing(VirtualOperator(self.daemon.socket, world, SEED, tosses=kinds)):
             given = SessionInput(self.folder / "object.toml", self.folder / "plan.json")
             output = self.folder / name
-            return SessionRunner(client, given, output, progress, SessionOptions(target, earlier)).run()
+            options = SessionOptions(target, earlier, only_tosses=only_tosses)
+            return SessionRunner(client, given, output, progress, options).run()
 
     def world(self) -> WorldLink:
         """A separate connection to the virtual world."""
@@ -123,8 +131,9 @@ class SessionRig:
 
 @contextlib.contextmanager
 def session_rig(
-    striker: str = "dynamixel", strikes: int = 3, kinds: DeviceKinds | None = None
+    striker: str = "dynamixel", strikes: int = 3, kinds: DeviceKinds | None = None, tosses: int = 0
 ) -> Iterator[SessionRig]:
     """Yield a rig in a folder with a short name, because the path of a socket is limited."""
+    kinds = kinds or DeviceKinds(striker=striker)
     with tempfile.TemporaryDirectory(prefix="ps-") as name, contextlib.ExitStack() as cleanup:
-        yield SessionRig(Path(name), cleanup, strikes=strikes, kinds=kinds or DeviceKinds(striker=striker))
+        yield SessionRig(Path(name), cleanup, strikes=strikes, kinds=kinds, tosses=tosses)

@@ -28,9 +28,9 @@ from analyze.pipeline.next_strike import (
     reached,
     stopping_checks,
 )
+from analyze.pipeline.object_markers import placed_markers
 from analyze.pipeline.read_evidence import (
     evidence_from_readings,
-    placed_markers,
     read_evidence,
     read_head,
     read_strike,

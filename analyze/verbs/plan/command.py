@@ -45,6 +45,8 @@ class _PlanArguments:
     """"ours" or "paper": the method of planning"""
     gravity: bool
     """True to add a strike turned by 180 degrees, which determines the table's tilt"""
+    tosses: int
+    """number of tosses by hand after the strikes"""
     as_json: bool
     """True to print the plan as JSON"""
 
@@ -103,6 +105,14 @@ class _PlanArguments:
     "determines the table's tilt.",
 )
 @click.option(
+    "--tosses",
+    default=0,
+    type=click.IntRange(0, 20),
+    metavar="N",
+    help="Add N tosses by hand before the same camera: they determine the products of inertia, which strikes "
+    "leave open; 3 are enough.  [default: none]",
+)
+@click.option(
     "--cards/--no-cards",
     default=True,
     show_default=True,
@@ -132,6 +142,7 @@ def plan(arguments: _PlanArguments) -> None:
         arguments.gravity,
         arguments.axes,
         arguments.camera,
+        arguments.tosses,
     )
     with ProgressBar() as progress:
         planned = plan_object(arguments.object_file, options, progress)

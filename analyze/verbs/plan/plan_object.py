@@ -19,9 +19,11 @@ from analyze.planning.paper_strikes import paper_strike_plan
 from analyze.planning.plan import PlanRequest, plan_strikes
 from analyze.planning.prepared import PreparedObject, prepare_object
 from analyze.planning.striker_update import updated_striker
+from analyze.planning.tosses import with_tosses
 from analyze.progress import Progress, no_progress
 from analyze.reading.object_file import read_object_files
 from analyze.types import CameraModel
+from analyze.verbs.plan.hub_clearance import note_on_hub
 from analyze.verbs.plan.nominal_striker import prepared_for_mat, prepared_for_striker
 from analyze.verbs.plan.phone import phone_bench
 from analyze.verbs.plan.rig import PlannedRig, planned_rig, rig_from_text
@@ -65,6 +67,8 @@ class PlanOptions:
     """largest number of different axes (pivot edges); None for no limit"""
     camera_path: Path | None = None
     """camera file of a phone, for strikes by hand; None for a rig"""
+    tosses: int = 0
+    """number of tosses by hand after the strikes"""
 
 
 @dataclass(frozen=True)
@@ -139,16 +143,24 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = no
         if not options.given and options.rig_path is None and options.camera_path is None:
             prepared, note = prepared_for_mat(prepared)
             notes += [note] if note else []
-        plan = _plan_of(prepared, files.sha256, options, progress)
+        plan = with_tosses(_plan_of(prepared, files.sha256, options, progress), prepared, options.tosses)
     except PlanError as error:
         for note in model.warnings:
             error.add_note(note)
         raise
-    if model.held is not None:
-        notes.append(_note_on_fixture(model.held))
+    notes += _notes_on(plan, model, rig)
     return PlannedObject(
         plan.model_copy(update={"warnings": [*plan.warnings, *notes]}), model, files.spec, bench.camera
     )
+
+
+def _notes_on(plan: StrikePlan, model: ObjectModel, rig: PlannedRig) -> list[str]:
+    """Notes on a fixture, and on strikes at which the arm's hub would touch the object."""
+    notes = [_note_on_fixture(model.held)] if model.held is not None else []
+    if rig.config is not None and "striker" in rig.devices:
+        note = note_on_hub(plan.strikes, model.vertices, rig.config.striker.arm_length_m)
+        notes += [note] if note else []
+    return notes
 
 
 def _plan_of(prepared: PreparedObject, sha256: str, options: PlanOptions, progress: Progress) -> StrikePlan:

@@ -12,7 +12,7 @@ from analyze.cards.by_hand import force_words
 from analyze.planning.rejections import rejection_summary
 from analyze.result.digits import decimals, inertia_unit, number
 from analyze.types import TENSOR_ENTRIES, tensor_entry_name
-from schemas.strike_plan import PlanMethod, PlannedStrike, Prediction, StrikePlan
+from schemas.strike_plan import PlanMethod, PlannedStrike, PlannedToss, Prediction, StrikePlan
 from schemas.terminal import Terminal
 from schemas.wording import counted
 
@@ -37,6 +37,8 @@ def render_plan(plan: StrikePlan, console: Terminal | None = None, by_hand: bool
             f"predicted: centre of mass to {1000 * plan.predicted_com_sd_m:.2f} mm (root mean square "
             "distance)",
         )
+    if plan.tosses:
+        console.print(_tosses(plan.tosses))
     for warning in plan.warnings:
         console.print(f"note: {warning}")
     if plan.rejected and plan.method is PlanMethod.PAPER:
@@ -78,6 +80,19 @@ def _strike_table(plan: StrikePlan, by_hand: bool) -> Table:
             _relative(first),
         )
     return table
+
+
+def _tosses(tosses: Sequence[PlannedToss]) -> str:
+    """Line on the tosses: ids, spin, time in the air, place, and distance of the axes from principal ones."""
+    first, apex_y = tosses[0], tosses[0].p_world_apex[1]
+    names = first.id if len(tosses) == 1 else f"{first.id}–{tosses[-1].id}"
+    angles = [toss.principal_axis_angle_rad for toss in tosses if toss.principal_axis_angle_rad is not None]
+    apart = f"; spin axes {np.degrees(min(angles)):.0f}° or more from a principal axis" if angles else ""
+    tag = "" if first.smallest_tag_px is None else f"; smallest tag {first.smallest_tag_px:.0f} px"
+    return (
+        f"{counted(len(tosses), 'toss')} by hand, {names}: {first.turns_per_s.target:g} turns a second, "
+        f"{first.flight_s.target:.2f} s in the air, {1000 * apex_y:.0f} mm behind the line{apart}{tag}"
+    )
 
 
 def _relative(strike: PlannedStrike) -> str:

@@ -24,7 +24,8 @@ from analyze.pipeline.merge import (
     refuse_unmergeable,
     resolve_exclusions,
 )
-from analyze.pipeline.read_evidence import read_evidence, read_head, read_strike, unplaced_markers
+from analyze.pipeline.object_markers import unplaced_markers
+from analyze.pipeline.read_evidence import read_evidence, read_head, read_strike
 from analyze.pipeline.sections import rolling_outline
 from analyze.progress import Progress
 from analyze.reading.recording import open_recording

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,10 +16,23 @@ from schemas.wording import counted
 
 if TYPE_CHECKING:
     from analyze.rig_parts.all_parts import RigPrints
+    from analyze.rig_parts.ballast import Ballast
     from schemas.rig import StrikerConfig
 
 ROTOR_KG_M2 = 0.0012
 """Moment of inertia of an XM430's rotor at its horn, as published [kg m^2] (ToddlerBot)."""
+
+
+@dataclass(frozen=True)
+class _RigBallast:
+    """Ballast for one kind of hinge."""
+
+    where: str
+    """Kind of hinge, as a place."""
+    ballast: Ballast
+    """Washers and bolt."""
+    rotor_kg: float
+    """Effective mass at the tip of the servo's rotor [kg]."""
 
 
 @click.command("rig-parts")
@@ -41,8 +55,8 @@ ROTOR_KG_M2 = 0.0012
 def rig_parts(rig: Path | None, output: Path, arm_length_mm: float | None, as_json: bool) -> None:
     """Write the printable parts of RIG (a rig file, TOML): STL, 3MF and a dimensioned drawing of each.
 
-    They are arm, pad, adapters to the horns of XM430 and XL330, a hub on ball bearings for a pendulum, a
-    camera's holder and a clamp for the mat.
+    They are the arm; adapters and holders for XM430 and XL330; hub, spacers and axle plate of a pendulum on
+    ball bearings, and a solenoid's holder for it; holders of camera and lamps; a clamp for the mat.
     """
     from analyze.rig_parts.all_parts import rig_prints
     from analyze.verbs.plan.rig import planned_rig
@@ -54,7 +68,7 @@ def rig_parts(rig: Path | None, output: Path, arm_length_mm: float | None, as_js
     prints = rig_prints(length_m)
     files = _write(prints, output)
     if as_json:
-        echo(json.dumps(_as_json(prints, files), allow_nan=False))
+        echo(json.dumps(_as_json(prints, striker, files), allow_nan=False))
         return
     for line in _lines(prints, striker, files):
         echo(line)
@@ -93,26 +107,59 @@ def _lines(prints: RigPrints, striker: StrikerConfig, files: list[Path]) -> list
     for each in prints.parts:
         size = " x ".join(f"{length:.0f}" for length in each.checks.size)
         copies = f", print {each.part.count}" if each.part.count > 1 else ""
-        lines.append(f"{each.part.name:14} {size:>13} mm {1000 * each.mass_kg:4.0f} g{copies}")
-        lines.append(f"{'':14} {each.part.purpose}: {each.part.fasteners}")
+        lines.append(f"{each.part.name:16} {size:>13} mm {1000 * each.mass_kg:4.0f} g{copies}")
+        lines.append(f"{'':16} {each.part.purpose}: {each.part.fasteners}")
     lines.append(
         "all are watertight, have walls of 1.2 mm or more and fit a bed of 220 mm; print them as they lie, "
         "with 30 % infill, without supports"
     )
-    rotor = ROTOR_KG_M2 / prints.arm_length_m**2
-    wanted = striker.effective_mass_kg
-    alone, with_rotor = (1000 * prints.ballast_kg(mass) for mass in (wanted, wanted - rotor))
+    wanted, alone = striker.effective_mass_kg, 1000 * prints.arm_effective_kg
     lines.append(
-        f"effective mass at the tip of arm, pad and bolt: {1000 * prints.arm_effective_kg:.0f} g, of the rig "
-        f"{1000 * wanted:.0f} g: screw {alone:.0f} g of steel to the tip, or {with_rotor:.0f} g on an XM430, "
-        f"whose rotor counts as {1000 * rotor:.0f} g"
+        f"effective mass at the tip: of the rig {1000 * wanted:.0f} g, of the arm {alone:.0f} g. Ballast:"
     )
+    lines += [_ballast_line(prints, each) for each in _ballasts(prints, wanted)]
+    pendulum = prints.ballast(wanted)
+    speeds = [f"{angle} deg {speed:.2f} m/s" for angle, speed in prints.pin_speeds(pendulum).items()]
+    lines.append(f"tip speeds of the pendulum, let go from the pin: {', '.join(speeds)}")
     lines.append(f"{counted(len(files), 'file')} in {files[0].parent}")
     return lines
 
 
-def _as_json(prints: RigPrints, files: list[Path]) -> dict[str, Any]:
-    """JSON object with the parts, the effective mass of the arm and the files."""
+def _ballasts(prints: RigPrints, wanted_kg: float) -> list[_RigBallast]:
+    """Ballast of a pendulum, and of an arm on an XM430, for an effective mass at the tip [kg]."""
+    rotor = ROTOR_KG_M2 / prints.arm_length_m**2
+    return [
+        _RigBallast("on ball bearings", prints.ballast(wanted_kg), 0.0),
+        _RigBallast("on an XM430", prints.ballast(wanted_kg - rotor), rotor),
+    ]
+
+
+def _ballast_line(prints: RigPrints, each: _RigBallast) -> str:
+    """Line for the terminal: washers and bolt, and the effective mass that they give."""
+    total = prints.effective_kg(each.ballast) + each.rotor_kg
+    rotor = f", with its rotor's {1000 * each.rotor_kg:.0f} g" if each.rotor_kg else ""
+    stack = "none"
+    if each.ballast.washers:
+        stack = (
+            f"{each.ballast.washers} M8 washers of 24 mm, half of them on each side, on an M8 x "
+            f"{each.ballast.bolt_mm:.0f} bolt with a self-locking nut ({1000 * each.ballast.mass_kg:.0f} g)"
+        )
+    return f"  {each.where}: {stack}: {1000 * total:.0f} g{rotor}"
+
+
+def _as_json(prints: RigPrints, striker: StrikerConfig, files: list[Path]) -> dict[str, Any]:
+    """JSON object with the parts, the arm's effective mass, its ballast and the files."""
+    ballasts = [
+        {
+            "where": each.where,
+            "washers": each.ballast.washers,
+            "bolt_mm": each.ballast.bolt_mm,
+            "mass_kg": each.ballast.mass_kg,
+            "effective_mass_kg": prints.effective_kg(each.ballast) + each.rotor_kg,
+        }
+        for each in _ballasts(prints, striker.effective_mass_kg)
+    ]
+    pendulum = prints.ballast(striker.effective_mass_kg)
     parts = [
         {
             "name": each.part.name,
@@ -128,6 +175,8 @@ def _as_json(prints: RigPrints, files: list[Path]) -> dict[str, Any]:
     return {
         "arm_length_m": prints.arm_length_m,
         "arm_effective_mass_kg": prints.arm_effective_kg,
+        "ballast": ballasts,
+        "pendulum_speed_m_s_by_angle_deg": prints.pin_speeds(pendulum),
         "parts": parts,
         "files": [str(path) for path in files],
     }

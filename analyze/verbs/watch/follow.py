@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import cv2
 
-from analyze.pipeline.read_evidence import placed_markers
+from analyze.pipeline.object_markers import placed_markers
 from analyze.pipeline.sections import MeshSections
 from analyze.reading.followed_series import FollowedSeries
 from analyze.tracking.camera_model import camera_from_spec

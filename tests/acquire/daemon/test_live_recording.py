@@ -10,6 +10,7 @@ import pytest
 from acquire.clock.clock import SystemClock
 from acquire.daemon.live_recording import LiveRecording
 from acquire.errors import RecorderError
+from schemas import topics
 from schemas.proto import percuss_pb2 as pb
 
 
@@ -48,11 +49,11 @@ def test_messages_that_are_not_taken_are_reported():
         path=Path("a.mcap"),
         watch=SimpleNamespace(stop=lambda: None),
     )
-    live.write_strike(pb.StrikeRecord(plan_strike_id="s1"))
+    live.write_record(topics.SESSION_STRIKE, pb.StrikeRecord(plan_strike_id="s1"))
     assert not complaints
     capture.takes = False
-    with pytest.raises(RecorderError, match="the strike was not recorded"):
-        live.write_strike(pb.StrikeRecord(plan_strike_id="s1"))
+    with pytest.raises(RecorderError, match="the strike or toss was not recorded"):
+        live.write_record(topics.SESSION_STRIKE, pb.StrikeRecord(plan_strike_id="s1"))
     live.log("striker armed")
     assert not complaints
     capture.takes = True

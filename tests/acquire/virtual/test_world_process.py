@@ -19,6 +19,7 @@ from acquire.virtual.pose_ring import PoseRing
 from acquire.virtual.truth_file import TruthWriter, read_truth_file
 from schemas.proto import percuss_pb2 as pb
 from tests.acquire.virtual.world_link import WorldLink
+from tests.schemas.test_planned_toss import TOSS
 
 PING = bytes.fromhex("FFFFFD00010300 01 194E")
 
@@ -93,6 +94,31 @@ def test_places_poses_truth_servo_and_a_clean_end(world):
     assert process.wait(5) == 0
     assert sorted(path.name for path in folder.iterdir()) == ["pose.ring", "truth.bin", "world.json"]
     assert 0 <= read_pace(folder).world_s < 5
+
+
+def test_a_toss_is_held_let_go_and_in_the_truth_file_at_1_khz(world):
+    _, _, folder = world
+    link = WorldLink(folder / "world.sock")
+    link.toss(TOSS, "good", 1e6)
+    wait_until(lambda: link.state()["at_rest"])
+    held = link.state()["p_world_object"]
+    assert held[1] == pytest.approx(TOSS["p_world_apex"][1], abs=0.15)
+    link.let_go(0.05)
+    released_ns = link.state()["time_ns"]
+    wait_until(lambda: not link.state()["at_rest"])
+    wait_until(lambda: link.state()["at_rest"])
+    messages = read_truth_file(Path(link.truth()))
+    body, *rest = messages
+    assert 1.0 <= body.drag_coefficient <= 1.2
+    times = [
+        each.world_time_ns
+        for each in rest
+        if isinstance(each, pb.TruthPose) and each.world_time_ns > released_ns + 100_000_000
+    ][:300]
+    assert set(np.diff(times)) == {1_000_000}
+    link.place(np.eye(3), np.zeros(3), [-0.04, 0.0, 0.08])
+    wait_until(lambda: link.state()["at_rest"] and abs(link.state()["p_world_object"][2] - 0.075) < 1e-3)
+    link.close()
 
 
 def test_invalid_control_requests_get_one_error_line_each(world):

@@ -13,8 +13,12 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from analyze.flight.air_drag import hull_panels
+from analyze.flight.flight_model import COM, SHAPE, FlightModel, ThrownBody, TossStart
+from analyze.flight.toss_fit import FlightPrior
 from analyze.flight.views import TagSet, TossViews, tag_set
-from analyze.types import CameraModel, Marker
+from analyze.geometry.second_moments import log_cholesky, scale_free
+from analyze.types import CameraModel, Marker, MarkerTrack
 
 FRAME_RATE = 120.0
 R_WORLD_CAMERA = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
@@ -117,12 +121,8 @@ def tossed(
         moved: (6, 6) shift and turn of the tags against their stated places; None for none.
     """
     time = np.arange(round(flight_s * FRAME_RATE)) / FRAME_RATE
-    axis = rng.normal(size=3) if axis is None else axis
-    R = Rotation.random(random_state=rng).as_matrix()
-    spin = 2 * np.pi * turns_per_s * axis / np.linalg.norm(axis)
-    velocity = np.array([*rng.normal(0, 0.1, 2), 9.81 * flight_s / 2])
-    place = np.array([rng.normal(0.03, 0.02), 0.6, 0.08 - 9.81 * flight_s**2 / 16])
-    attitudes, places = box.path(R, spin, place, velocity, time)
+    start = true_start(box, rng, flight_s, turns_per_s, axis)
+    attitudes, places = box.path(start.R_world_object, start.spin, start.place, start.velocity, time)
     markers = box.markers()
     tags = tag_set(markers)
     corners = tags.corners
@@ -149,3 +149,82 @@ def tossed(
     used, frame = np.unique(frame, return_inverse=True)
     stamps = np.rint(1e9 * time[used]).astype(np.int64)
     return TossViews(stamps, frame, tag, pixels, np.full(len(tag), noise_px), turns, centres), tags
+
+
+def true_start(
+    box: ThrownBox,
+    rng: np.random.Generator,
+    flight_s: float = 0.4,
+    turns_per_s: float = 2.5,
+    axis: np.ndarray | None = None,
+) -> TossStart:
+    """State at the first frame of the toss that `tossed` makes of the same random numbers."""
+    axis = rng.normal(size=3) if axis is None else axis
+    R = Rotation.random(random_state=rng).as_matrix()
+    spin = 2 * np.pi * turns_per_s * axis / np.linalg.norm(axis)
+    velocity = np.array([*rng.normal(0, 0.1, 2), 9.81 * flight_s / 2])
+    place = np.array([rng.normal(0.03, 0.02), 0.6, 0.08 - 9.81 * flight_s**2 / 16])
+    return TossStart(R, spin, place, velocity)
+
+
+def lopsided_box() -> ThrownBox:
+    """Box of 80 x 50 x 160 mm and 120 g: a heavy shell and a turned block beside its middle."""
+    size, block = np.array([0.08, 0.05, 0.16]), np.array([0.04, 0.03, 0.06])
+    turn = Rotation.from_rotvec([0.3, 0.5, 0.2]).as_matrix()
+    places = np.zeros(3), np.array([0.015, -0.008, -0.025])
+    com = 0.5 * (places[0] + places[1])
+    inertia = np.zeros((3, 3))
+    for place, own in zip(places, (1.5 * _solid(size), turn @ _solid(block) @ turn.T), strict=True):
+        arm = place - com
+        inertia += 0.06 * (own + (arm @ arm) * np.eye(3) - np.outer(arm, arm))
+    return ThrownBox(size, 0.12, com, inertia)
+
+
+def _solid(size: np.ndarray) -> np.ndarray:
+    square = size**2
+    return np.diag(square.sum() - square) / 12
+
+
+def known(box: ThrownBox) -> tuple[ThrownBody, FlightPrior]:
+    """What is known of a box before its flights."""
+    numbers = log_cholesky(_solid(box.size))
+    prior = FlightPrior(np.zeros(3), box.size, scale_free(numbers)[0], 9.81, 1e-3)
+    return ThrownBody(hull_panels(box.hull), box.mass, float(numbers[0])), prior
+
+
+def first_numbers(box: ThrownBox, prior: FlightPrior, tags: TagSet, model: FlightModel) -> np.ndarray:
+    """Unknowns with the true body, tags as stated, and the model's first guesses."""
+    x = np.concatenate([prior.mean_and_sd(tags)[0], *(start.numbers for _, start in model.tosses)])
+    x[COM], x[SHAPE] = box.com, scale_free(log_cholesky(box.inertia / box.mass))[0]
+    return x
+
+
+def tracks(views: TossViews, tags: TagSet) -> list[MarkerTrack]:
+    """Views as the tracker's tracks."""
+    found = []
+    for tag, name in enumerate(tags.names):
+        mine = views.tag == tag
+        if mine.any():
+            times = views.time_ns[views.frame[mine]]
+            poses = views.R_camera_tag[mine], views.p_camera_tag[mine]
+            found.append(MarkerTrack(name, times, views.corners[mine], views.sd[mine], *poses, len(views)))
+    return found
+
+
+def held_before(views: TossViews, frames: int) -> TossViews:
+    """Views with frames before them in which the body is held as in the first one."""
+    step = int(np.median(np.diff(views.time_ns)))
+    first = np.flatnonzero(views.frame == 0)
+    again = np.tile(first, frames)
+    rng = np.random.default_rng(frames)
+    noise = rng.normal(0, 1, (len(again), 4, 2)) * views.sd[again, None, None]
+    before = views.time_ns[0] - step * np.arange(frames, 0, -1)
+    return TossViews(
+        np.concatenate([before, views.time_ns]),
+        np.concatenate([np.repeat(np.arange(frames), len(first)), views.frame + frames]),
+        np.concatenate([views.tag[again], views.tag]),
+        np.concatenate([views.corners[again] + noise, views.corners]),
+        np.concatenate([views.sd[again], views.sd]),
+        np.concatenate([views.R_camera_tag[again], views.R_camera_tag]),
+        np.concatenate([views.p_camera_tag[again], views.p_camera_tag]),
+    )

@@ -24,7 +24,8 @@ from analyze.pipeline.cached import KeptEstimate, KeptReading, cached_strike_rea
 from analyze.pipeline.estimate import Estimate, EstimateOptions
 from analyze.pipeline.estimate_recordings import estimate_recordings
 from analyze.pipeline.evidence import Evidence, RecordingHead, StrikeReading
-from analyze.pipeline.read_evidence import placed_markers, struck_object
+from analyze.pipeline.object_markers import placed_markers
+from analyze.pipeline.read_evidence import struck_object
 from analyze.reading.recording import Recording, open_recording
 from analyze.result.answer import Answer
 from schemas.document import Document

@@ -19,7 +19,7 @@ from analyze.geometry.object_model import load_object_model
 from analyze.geometry.station import turned_camera
 from analyze.motion.strike import analyse_strike
 from analyze.motion.strike_task import StrikeTask
-from analyze.pipeline.read_evidence import unplaced_markers
+from analyze.pipeline.object_markers import unplaced_markers
 from analyze.registration.views import strike_view
 from analyze.tracking.track import track_markers
 from analyze.types import ImageFrame, Marker, MarkerTrack

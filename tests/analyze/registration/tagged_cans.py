@@ -16,7 +16,7 @@ import numpy as np
 from analyze.geometry.object_model import load_object_model
 from analyze.motion.strike import analyse_strike
 from analyze.motion.strike_task import StrikeTask
-from analyze.pipeline.read_evidence import unplaced_markers
+from analyze.pipeline.object_markers import unplaced_markers
 from analyze.registration.round_body import rim_centre
 from analyze.registration.views import strike_view
 from schemas.object_spec import Cylinder, MarkerSpec, ObjectSpec, Shape

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analyze.pipeline.read_evidence import placed_markers, read_strike, struck_object
+from analyze.pipeline.object_markers import placed_markers
+from analyze.pipeline.read_evidence import read_strike, struck_object
 from analyze.reading.recording import open_recording
 from analyze.replay import overlay, views
 from analyze.tracking.camera_model import camera_from_spec

@@ -221,3 +221,14 @@ def test_units_in_brackets_are_printed(tmp_path: Path):
 def test_axes_that_differ_by_a_sign_have_names_of_their_own():
     assert axis_text([0.7071, 0.7071, 0.0]) == axis_text([-0.7071, -0.7071, 0.0]) == "0.71, 0.71, 0.00"
     assert axis_text([0.7071, -0.7071, 0.0]) == "0.71, -0.71, 0.00"
+
+
+def test_tosses_are_planned_and_printed(tmp_path: Path):
+    done = run(str(CARTON), "-o", str(tmp_path / "plan.json"), "--strikes", "3", "--tosses", "2")
+    assert done.exit_code == 0, done.output
+    said = "2 tosses by hand, t1–t2: 3 turns a second, 0.42 s in the air, 1230 mm behind the line; spin axes"
+    assert said in " ".join(done.output.split())
+    plan = json.loads((tmp_path / "plan.json").read_text())
+    assert plan["schema_version"] == "1.2"
+    assert [toss["id"] for toss in plan["tosses"]] == ["t1", "t2"]
+    assert 'id="t2"' in (tmp_path / "plan-cards.html").read_text(encoding="utf-8")

@@ -67,11 +67,13 @@ export function viewFor(snapshot, verdictIsNew) {
   if (!session) return "ready";
   if (session.state === "finished" || session.state === "aborted") return "know";
   if (verdictIsNew) return "strike";
-  if (snapshot.prompt || ["idle", "placing", "checking_pose"].includes(session.state)) return "place";
+  if (snapshot.prompt || ["idle", "placing", "checking_pose", "tossing"].includes(session.state)) return "place";
   return "strike";
 }
 
 function placeSign(prompt) {
+  if (prompt.kind === "toss")
+    return { word: "TOSS", tone: "accent", text: "Hold it as on the card, then press Ready to toss." };
   if (prompt.kind !== "place") return { word: "YOUR TURN", tone: "accent", text: prompt.text };
   if (prompt.hands_off === false && prompt.in_place === true)
     return { word: "HANDS OFF", tone: "wait", text: "The object is in place. Take your hands off it." };
@@ -123,6 +125,7 @@ export function signFor(snapshot, verdictIsNew) {
     checking_pose: ["HANDS OFF", "wait", "Checking the placement."],
     arming: ["ARMING", "armed", "The striker strikes after that. Step back."],
     recording: ["HANDS OFF", "wait", "The camera records until the object is at rest."],
+    tossing: ["TOSS NOW", "good", "The camera records until the object lies still."],
     judging: ["HANDS OFF", "wait", "Judging the strike."],
   };
   const [word, tone, text] = waits[session.state] ?? ["WAIT", "idle", session.text];

@@ -62,7 +62,8 @@ export function action(snapshot) {
   if (session?.paused)
     return { label: "Resume", problem: "", run: () => page.order("/api/session/resume") };
   if (session && !isRunning(session)) return { label: "Show the answer", problem: "", run: page.follow };
-  const label = !prompt || prompt.kind === "place" ? "Placed" : "Done";
+  const labels = { place: "Placed", toss: "Ready to toss" };
+  const label = prompt ? (labels[prompt.kind] ?? "Done") : "Placed";
   return { label, problem: prompt ? "" : "Nothing is to be placed now.", run: () => answer("placed") };
 }
 

@@ -1,0 +1,169 @@
+"""Tosses of a recording: read from the images, estimated together, compared with the strikes' answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.errors import TrackingError
+from analyze.estimation.joint_model import COM, SECOND
+from analyze.flight.air_drag import hull_panels
+from analyze.flight.estimate import estimate_flights
+from analyze.flight.flight_model import ThrownBody
+from analyze.flight.toss import TossMotion, analyse_toss
+from analyze.flight.toss_fit import FlightPrior
+from analyze.flight.views import tag_set
+from analyze.geometry.second_moments import log_cholesky, scale_free
+from analyze.tracking.camera_model import camera_from_spec
+from analyze.tracking.track import MarkerFollower
+from analyze.types import FlightEstimate
+from schemas.toss_result import TossVerdict
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from analyze.estimation.joint import JointSolution
+    from analyze.geometry.object_model import ObjectModel
+    from analyze.pipeline.evidence import Evidence, StrikeSource, StruckObject
+    from analyze.types import Array, Marker
+    from schemas.object_spec import ObjectSpec
+    from schemas.proto import percuss_pb2 as pb
+    from schemas.session_manifest import SessionManifest
+
+RESCAN_FRAMES = 3
+"""frames of a toss between full searches for markers: one turns into view within a few"""
+MAX_DISAGREEMENT = 30.0
+"""largest chi^2 of eight numbers (c and shape of the tensor) between flights and strikes: one in 5 000"""
+
+
+@dataclass(frozen=True)
+class FlightAnswer:
+    """What the good tosses determine together, and whether the strikes agree."""
+
+    estimate: FlightEstimate
+    """c and shape of the tensor, with covariance"""
+    drag: Array
+    """(2,) coefficients of the air's force and moment"""
+    disagreement: float | None = None
+    """chi^2 of the eight numbers against those by strikes alone; None where they were not compared"""
+    sd_without: Array | None = None
+    """(3, 3) sd of the tensor's entries by strikes alone [kg m^2]; None where not compared"""
+    measured_without: NDArray[np.bool_] | None = None
+    """(3, 3) True for entries that strikes alone determine; None where not compared"""
+
+    @property
+    def agrees(self) -> bool:
+        """True unless flights and strikes contradict each other."""
+        return self.disagreement is None or self.disagreement <= MAX_DISAGREEMENT
+
+
+def read_toss(
+    recording: StrikeSource, struck: StruckObject, markers: list[Marker], record: pb.TossRecord
+) -> TossMotion:
+    """Track the markers in the window of a toss, find its free flight, and judge it.
+
+    Args:
+        recording: complete recording, or one still being written.
+        struck: object, shape and plan.
+        markers: markers of the object; those without a place on it are not used.
+        record: the recording's entry of the toss.
+
+    Raises:
+        RecordingError: the file is damaged within the window.
+    """
+    ids = record.toss_id, record.plan_toss_id
+    camera = camera_from_spec(recording.manifest.cameras[0].calibration)
+    follower = MarkerFollower(camera, markers, rescan_every=RESCAN_FRAMES)
+    try:
+        for frame in recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns):
+            follower.add(frame)
+        tracks = follower.report().tracks
+    except TrackingError as error:
+        return TossMotion(*ids, TossVerdict.UNREADABLE, str(error))
+    body, prior = thrown_body(struck.spec, struck.model, recording.manifest)
+    return analyse_toss(ids, tracks, camera, tag_set(markers), body, prior)
+
+
+def thrown_body(
+    spec: ObjectSpec, model: ObjectModel, manifest: SessionManifest
+) -> tuple[ThrownBody, FlightPrior]:
+    """Body before its flights, from object file and shape: hull, mass, gravity, and a uniform solid's tensor.
+
+    Args:
+        spec: object file with the markers' masses included.
+        model: exterior shape.
+        manifest: metadata of the recording, with gravity.
+    """
+    numbers = log_cholesky(model.unit_inertia)
+    prior = FlightPrior(
+        model.centroid,
+        model.extent,
+        scale_free(numbers)[0],
+        manifest.g_m_s2,
+        max(manifest.g_sd_m_s2, 1e-3),
+    )
+    return ThrownBody(hull_panels(model.hull_vertices), spec.mass_kg, float(numbers[0])), prior
+
+
+def answer_of_flights(
+    evidence: Evidence, markers: list[Marker], exclude: frozenset[str]
+) -> FlightAnswer | None:
+    """What the good tosses determine together; None without one.
+
+    Flights before different cameras are fitted apart; as they share the errors of the tags' places, their
+    estimates are averaged without a gain in certainty (covariance intersection, Julier and Uhlmann 1997).
+
+    Args:
+        evidence: tosses of all recordings, with object and shape.
+        markers: markers of the object with their places.
+        exclude: ids of tosses to leave out.
+    """
+    good = [
+        toss
+        for toss in evidence.tosses
+        if toss.verdict is TossVerdict.GOOD and toss.flight is not None and toss.toss_id not in exclude
+    ]
+    if not good:
+        return None
+    groups: dict[int, list[TossMotion]] = {}
+    for toss in good:
+        groups.setdefault(evidence.recorded_in.get(toss.toss_id, 0), []).append(toss)
+    fits = []
+    for number, tosses in groups.items():
+        manifest = evidence.recordings[number].manifest
+        body, prior = thrown_body(evidence.spec, evidence.model, manifest)
+        camera = camera_from_spec(manifest.cameras[0].calibration)
+        fits.append(estimate_flights(tosses, body, prior, camera, tag_set(markers)))
+    return FlightAnswer(
+        _averaged([fit.estimate for fit in fits]), np.mean([fit.drag for fit in fits], axis=0)
+    )
+
+
+def _averaged(estimates: Sequence[FlightEstimate]) -> FlightEstimate:
+    """Covariance intersection of estimates with equal weights."""
+    if len(estimates) == 1:
+        return estimates[0]
+    precisions = [np.linalg.inv(each.covariance) / len(estimates) for each in estimates]
+    covariance = np.linalg.inv(np.sum(precisions, axis=0))
+    level = np.sum([p @ each.mean for p, each in zip(precisions, estimates, strict=True)], axis=0)
+    tosses = tuple(name for each in estimates for name in each.tosses)
+    return FlightEstimate(covariance @ level, covariance, tosses)
+
+
+def disagreement(flight: FlightEstimate, solution: JointSolution) -> float:
+    """Chi^2 of c and the tensor's shape by flights against those by the strikes alone.
+
+    Args:
+        flight: estimate from flights.
+        solution: joint solution of the strikes, without flights.
+    """
+    numbers, by = scale_free(solution.x[SECOND])
+    rows = np.zeros((8, solution.model.count))
+    rows[:3, COM], rows[3:, SECOND] = np.eye(3), by
+    apart = np.concatenate([solution.x[COM], numbers]) - flight.mean
+    covariance = flight.covariance + rows @ solution.covariance @ rows.T
+    return float(apart @ np.linalg.solve(covariance, apart))

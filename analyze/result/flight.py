@@ -1,0 +1,123 @@
+"""Tosses in the Result document: the rows of all, what they determine, and the warnings about them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.geometry.second_moments import symmetric_entries, unit_inertia, with_size
+from analyze.result.quantities import intervals95, quantity
+from analyze.result.warning_text import names_text, warning
+from schemas.quantity import Quantity
+from schemas.result import ResultWarning, WarningCode
+from schemas.toss_result import FlightResult, TossResult, TossVerdict
+
+if TYPE_CHECKING:
+    from analyze.pipeline.estimate import Estimate
+    from analyze.pipeline.tosses import FlightAnswer
+    from analyze.types import Array, FlightEstimate
+
+IMPROVED = 0.7
+"""sd of an entry with tosses over that without, below which the tosses count as a source of it"""
+_STEP = 1e-6
+"""step of the numerical derivatives of the ratios"""
+
+
+def flight_document(estimate: Estimate) -> FlightResult | None:
+    """Entry of the Result document on the tosses; None where nothing was tossed."""
+    tosses, answer = estimate.evidence.tosses, estimate.flight
+    if not tosses:
+        return None
+    used = answer is not None and answer.agrees
+    rows = [
+        TossResult(
+            id=toss.toss_id,
+            plan_toss_id=toss.plan_toss_id,
+            verdict=TossVerdict.EXCLUDED if toss.toss_id in estimate.options.exclude else toss.verdict,
+            reason=toss.reason,
+            used=used and answer is not None and toss.toss_id in answer.estimate.tosses,
+            flight_s=toss.flight_s,
+            turns_per_s=toss.turns_per_s,
+            principal_axis_angle_rad=toss.axis_angle,
+            residual_px=None if toss.flight is None else toss.flight.residual_px,
+        )
+        for toss in tosses
+    ]
+    if answer is None:
+        return FlightResult(tosses=rows, used=False)
+    sd = np.sqrt(np.diag(answer.estimate.covariance)[:3])
+    com = answer.estimate.mean[:3]
+    return FlightResult(
+        tosses=rows,
+        used=used,
+        centre_of_mass=Quantity(
+            value=com.tolist(),
+            unit="m",
+            sd=sd.tolist(),
+            covariance=answer.estimate.covariance[:3, :3].tolist(),
+            interval95=intervals95(com, sd),
+            frame="O",
+            observed=True,
+        ),
+        inertia_ratios=_ratio_quantities(answer.estimate),
+        disagreement=answer.disagreement,
+        inertia_from=_sources(estimate, answer) if used else None,
+    )
+
+
+def inertia_ratios(flight: FlightEstimate) -> tuple[Array, Array]:
+    """Entries (6,) of the tensor over the mean of its diagonal, by flights, and their covariance (6, 6)."""
+
+    def ratios(shape: Array) -> Array:
+        inertia = unit_inertia(with_size(shape, 0.0))[0]
+        return symmetric_entries(inertia) / (np.trace(inertia) / 3.0)
+
+    shape = flight.mean[3:]
+    value = ratios(shape)
+    by = np.array([(ratios(shape + step) - value) / _STEP for step in _STEP * np.eye(5)]).T
+    return value, by @ flight.covariance[3:, 3:] @ by.T
+
+
+def flight_warnings(estimate: Estimate) -> list[ResultWarning]:
+    """Warnings about tosses that are not used; empty if all are, or there are none."""
+    answer = estimate.flight
+    if answer is not None and not answer.agrees:
+        text = (
+            f"tosses and strikes contradict each other (chi squared {answer.disagreement:.0f} of 8): the"
+            " answer is that of the strikes; check the markers' places on the object, the camera and"
+            " whether something moves inside"
+        )
+        return [warning(WarningCode.TOSSES_NOT_USED, text)]
+    bad = [toss for toss in estimate.evidence.tosses if toss.verdict is not TossVerdict.GOOD]
+    if not bad:
+        return []
+    names = names_text([f"{toss.toss_id} ({toss.verdict.value}: {toss.reason})" for toss in bad])
+    return [warning(WarningCode.TOSSES_NOT_USED, f"not used: {names}")]
+
+
+def _ratio_quantities(flight: FlightEstimate) -> list[Quantity]:
+    value, covariance = inertia_ratios(flight)
+    sds = np.sqrt(np.diag(covariance))
+    return [quantity(float(each), float(sd), "1") for each, sd in zip(value, sds, strict=True)]
+
+
+def _sources(estimate: Estimate, answer: FlightAnswer) -> list[list[str]]:
+    """What determines each entry of the tensor, in words."""
+    inertial = estimate.inertial
+    found: list[list[str]] = []
+    for i in range(3):
+        row: list[str] = []
+        for j in range(3):
+            if not inertial.measured[i, j]:
+                row.append("shape")
+            elif answer.sd_without is None or answer.measured_without is None:
+                row.append("tosses")
+            elif not answer.measured_without[i, j]:
+                row.append("tosses with the size by strikes")
+            elif inertial.inertia_sd[i, j] < IMPROVED * answer.sd_without[i, j]:
+                row.append("strikes and tosses")
+            else:
+                row.append("strikes")
+        found.append(row)
+    return found

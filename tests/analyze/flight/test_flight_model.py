@@ -1,0 +1,58 @@
+"""Expected corners of a thrown body against an independent integration, and their derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analyze.flight.flight_model import FIRST_TAG, TAG_TERMS, FlightModel, TossStart
+from analyze.flight.toss_fit import fit_tosses
+from tests.analyze.flight.thrown_box import CAMERA, first_numbers, known, lopsided_box, tossed, true_start
+
+BOX = lopsided_box()
+
+
+def test_corners_are_those_of_an_independent_integration() -> None:
+    """Without air, where both obey the same law: 0.4 s at 2.5 turns a second."""
+    box = replace(BOX, drag=0.0)
+    views, tags = tossed(box, np.random.default_rng(1), noise_px=0.0)
+    body, prior = known(box)
+    model = FlightModel(body, CAMERA, tags, [(views, true_start(box, np.random.default_rng(1)))])
+    x = first_numbers(box, prior, tags, model)
+    x[11:13] = 0.0
+    expected, _ = model(x)
+    assert np.abs(expected - views.corners.ravel()).max() < 2e-3
+
+
+def test_derivatives_are_those_of_differences() -> None:
+    """All but the change of the air's load with the motion and with c, which the fit does without."""
+    views, tags = tossed(BOX, np.random.default_rng(2))
+    body, prior = known(BOX)
+    model = FlightModel(body, CAMERA, tags, [(views, true_start(BOX, np.random.default_rng(2)))])
+    x = first_numbers(BOX, prior, tags, model)
+    rng = np.random.default_rng(3)
+    x[FIRST_TAG : model.shared] += rng.normal(size=model.shared - FIRST_TAG) * np.tile(
+        [*[2e-4] * 3, *[4e-3] * 3], len(tags.names)
+    )
+    x[model.shared : model.shared + 3] = 0.01, -0.02, 0.03
+    _, by = model(x)
+    for number in [*range(FIRST_TAG + TAG_TERMS), *range(model.shared, model.count)]:
+        step = np.zeros(model.count)
+        step[number] = 1e-6
+        numeric = (model(x + step)[0] - model(x - step)[0]) / 2e-6
+        size = np.abs(numeric).max()
+        assert np.abs(by[:, number] - numeric).max() < (0.15 if number < 3 else 0.05) * size, number
+
+
+def test_moved_starts_continue_the_flight() -> None:
+    views, tags = tossed(BOX, np.random.default_rng(4), noise_px=0.02)
+    body, prior = known(BOX)
+    fit = fit_tosses(body, prior, CAMERA, tags, [(views, true_start(BOX, np.random.default_rng(4)))])
+    path = fit.model.paths(fit.x)[0]
+    later = TossStart.at(path, 10)
+    part = views.part(10, len(views))
+    model = FlightModel(body, CAMERA, tags, [(part, later)])
+    predicted, _ = model(np.concatenate([fit.x[: model.shared], later.numbers]))
+    assert predicted == pytest.approx(part.corners.ravel(), abs=0.3)
