@@ -19,7 +19,7 @@ import click
 
 from acquire.console.session_options import target_of, target_options
 from acquire.console.strike_options import StrikeOptions
-from acquire.console.virtual_options import refuse_truth_of_ours, virtual_options
+from acquire.console.virtual_options import refuse_other_kind, refuse_truth_of_ours, virtual_options
 from acquire.console.web_verb import console
 from acquire.errors import AcquireError, DaemonSilent
 from schemas.command_line import Commands, NumberRange, one_line_errors, version_option
@@ -356,21 +356,16 @@ def _end_as_on_ctrl_c() -> None:
 
 def _device_options(options: dict[str, Any]) -> Any:
     """Choice of a virtual rig; its options are removed from those of the command."""
+    from acquire.virtual.device_kinds import DeviceKinds
     from acquire.virtual.devices import DeviceOptions
     from acquire.virtual.gige_sockets import free_address
 
-    given = {
-        name: options.pop(name) for name in ("object_name", "seed", "address", "truth", "striker", "camera")
-    }
+    given = {name: options.pop(name) for name in ("object_name", "seed", "address", "truth")}
+    kinds = {name: options.pop(name) for name in ("camera", "make", "striker", "servo")}
     refuse_truth_of_ours(given["object_name"], given["truth"])
-    return DeviceOptions(
-        given["object_name"],
-        given["seed"],
-        given["address"] or free_address(),
-        given["truth"],
-        given["striker"],
-        given["camera"],
-    )
+    refuse_other_kind(**kinds)
+    address = given["address"] or free_address()
+    return DeviceOptions(given["object_name"], given["seed"], address, given["truth"], DeviceKinds(**kinds))
 
 
 def _socket(rig: Path | None) -> Path:

@@ -20,13 +20,12 @@ from schemas.rig_limits import (
     TipSpeeds,
     tip_speeds,
 )
-from schemas.servo_models import SERVO_MODELS, ModelName
+from schemas.servo_models import DEFAULT_MODEL, SERVO_MODELS, UNMEASURED_MASS_SD_KG, ModelName
 from schemas.session_manifest import CameraCalibrationSpec, LevelReading
 from schemas.striker_kind import STRIKER_KINDS, KindName, StrikerKind
 
 MAX_SENSOR_PX = 100_000
 """Largest width and height of a sensor [px]."""
-DEFAULT_MODEL: ModelName = "XM430-W210"
 CURRENT_LIMIT_A = 1.0
 """Current limit unless the rig file gives one or the model takes less [A]."""
 SWING_SHARE = 0.6
@@ -170,7 +169,9 @@ class StrikerConfig(Document):
         le=10,
         description="effective mass at the tip [kg]: moment of inertia / arm length^2",
     )
-    effective_mass_sd_kg: float = Field(default=0.05, ge=0, le=10, description="1 sigma of it")
+    effective_mass_sd_kg: float = Field(
+        default=0.05, ge=0, le=10, description="1 sigma of it; 0.1 kg if neither is stated"
+    )
     restitution: float = Field(
         default=0.4, ge=0, le=1, description="coefficient of restitution of tip and object"
     )
@@ -269,14 +270,17 @@ class StrikerConfig(Document):
 
     @model_validator(mode="before")
     @classmethod
-    def _current_that_the_model_takes(cls, data: Any) -> Any:
-        """Where no current limit is given, a small model's is the largest that it takes."""
-        if not isinstance(data, dict) or "current_limit_a" in data:
+    def _what_is_not_stated(cls, data: Any) -> Any:
+        """Assume a small model's largest current, and the effective mass of an arm that nobody measured."""
+        if not isinstance(data, dict):
             return data
+        assumed: dict[str, Any] = {}
+        if not data.keys() & {"effective_mass_kg", "effective_mass_sd_kg"}:
+            assumed["effective_mass_sd_kg"] = UNMEASURED_MASS_SD_KG
         model = SERVO_MODELS.get(data.get("model", DEFAULT_MODEL))
-        if model is None or model.most_current_a >= CURRENT_LIMIT_A:
-            return data
-        return data | {"current_limit_a": model.most_current_a}
+        if model is not None and model.most_current_a < CURRENT_LIMIT_A:
+            assumed["current_limit_a"] = model.most_current_a
+        return assumed | data
 
     @model_validator(mode="after")
     def _current_of_the_model(self) -> Self:

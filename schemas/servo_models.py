@@ -25,6 +25,11 @@ ModelName = Literal[
     "XC330-T288",
 ]
 """models with current-based position control"""
+DEFAULT_MODEL: Final[ModelName] = "XM430-W210"
+"""model where a rig file names none"""
+UNMEASURED_MASS_SD_KG: Final = 0.1
+"""1 sigma of the effective mass of an arm whose rig file states none [kg]; published inertias of rotors, seen
+at the horn, are 0.001 to 0.045 kg m² (ToddlerBot, BAM, mujoco_menagerie): 0.07 kg and more at 0.12 m"""
 LEAST_FIRMWARE: Final = 38
 """oldest firmware with the register Bus Watchdog, which stops the arm when the computer fails"""
 

@@ -7,6 +7,12 @@ from typing import Any
 
 import click
 
+from schemas.camera_kind import CameraKindName
+from schemas.servo_models import DEFAULT_MODEL, MODEL_NAMES
+from schemas.striker_kind import STRIKER_KINDS, KindName
+
+CAMERA_MAKES = ("basler-ace", "mako", "alvium-g1", "blackfly-s", "hikrobot", "imaging-source")
+"""makes that a virtual GigE camera can take on, listed without loading the virtual rig"""
 _OBJECTS = ("carton", "spray", "juice", "salt", "parcel")
 """objects that come with the program"""
 
@@ -42,6 +48,19 @@ def virtual_options(command: Any) -> Any:
             help="What strikes: a servo, or a microcontroller on a serial port.",
         ),
         click.option(
+            "--servo",
+            default=DEFAULT_MODEL,
+            show_default=True,
+            type=click.Choice(MODEL_NAMES),
+            help="Model of the servo.",
+        ),
+        click.option(
+            "--make",
+            type=click.Choice(CAMERA_MAKES),
+            help="Make that the GigE camera takes on: names of its settings, bounds, clock, instant that it "
+            "stamps.  [default: Aravis's own fake camera]",
+        ),
+        click.option(
             "--camera",
             default="gige",
             show_default=True,
@@ -73,6 +92,18 @@ def virtual_options(command: Any) -> Any:
     ):
         command = option(command)
     return command
+
+
+def refuse_other_kind(camera: CameraKindName, make: str | None, striker: KindName, servo: str) -> None:
+    """Refuse a make or a model for another kind of device.
+
+    Raises:
+        click.UsageError: a make is given and the camera is not GigE, or a model and the striker is no servo.
+    """
+    if make is not None and camera != "gige":
+        raise click.UsageError(f"--make {make} is a GigE camera: leave --camera {camera} out, or --make")
+    if servo != DEFAULT_MODEL and not STRIKER_KINDS[striker].has_servo:
+        raise click.UsageError(f"--servo {servo} is no {striker} striker: leave --striker out, or --servo")
 
 
 def refuse_truth_of_ours(object_name: str, truth: Path | None) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from acquire.virtual.camera_makes import MAKES
 from acquire.virtual.gige_camera import SENSOR_HEIGHT, SENSOR_WIDTH, VirtualGigeCamera
+from acquire.virtual.gige_faults import USUAL, CameraHabits
 from acquire.virtual.usb3_camera import VirtualUsb3Camera
 from acquire.virtual.usb3_features import usb3_serial
 from acquire.virtual.usb_library import FOLDER, compile_library
@@ -28,6 +30,7 @@ def _gige(source: ImageSource, arguments: argparse.Namespace, clock: Clock) -> V
         clock,
         packet_loss=arguments.packet_loss,
         seed=arguments.seed,
+        habits=USUAL if arguments.make is None else CameraHabits(make=MAKES[arguments.make]),
     )
 
 

@@ -25,6 +25,7 @@ import numpy as np
 from acquire.clock.clock import Clock, SystemClock
 from acquire.errors import AcquireError
 from acquire.virtual.camera_kinds import VIRTUAL_CAMERAS
+from acquire.virtual.camera_makes import MAKES
 from acquire.virtual.image_source import ImageSource, StreamSettings
 from acquire.virtual.pose_ring import PoseRing, PoseRingError
 
@@ -122,7 +123,7 @@ def serve(
 
     Args:
         source: source of the images.
-        arguments: `kind`, `address`, `seed`, `packet_loss` and `dir` of the command line.
+        arguments: `kind`, `make`, `address`, `seed`, `packet_loss` and `dir` of the command line.
         clock: the host's clock.
         parent_alive: called ten times a second.
 
@@ -164,6 +165,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--dir", type=Path, required=True, help="folder of the run with pose.ring")
     parser.add_argument("--kind", choices=sorted(VIRTUAL_CAMERAS), default="gige")
+    parser.add_argument("--make", choices=sorted(MAKES), help="gige: make that the camera takes on")
     parser.add_argument("--address", default="127.0.0.1", help="gige: loopback address of the camera")
     parser.add_argument(
         "--packet-loss", type=float, default=0.0, help="gige: fraction of stream packets to lose"

@@ -20,6 +20,9 @@ class CameraStatistics:
 
     An image's delay is the time from the end of its exposure until it is rendered. An image counts as late
     if its delay exceeds two frame periods.
+
+    On a busy computer images wait to be rendered. A client that then opens the camera anew never gets them,
+    and counts them as lost, though nothing was lost on the way: the camera counts them as unsent.
     """
 
     frames: int
@@ -30,6 +33,8 @@ class CameraStatistics:
     """number of exposures whose image was ready more than two frame periods after their end"""
     latest_ms: float
     """largest delay [ms] of an image after the end of its exposure"""
+    unsent: int
+    """number of late images that were still to be rendered when their stream ended, and another followed"""
 
 
 class CountedSource:
@@ -46,6 +51,22 @@ class CountedSource:
         self._source, self._clock = source, clock
         self._rendered = self._late = self._latest_ns = 0
         self._render_s = 0.0
+        self._left = self._unsent = 0
+
+    def begin_stream(self) -> None:
+        """Count the images that an earlier stream has left as unsent."""
+        self._unsent, self._left = self._unsent + self._left, 0
+
+    def end_stream(self, start_ns: int, exposure_ns: int, period_ns: int) -> None:
+        """Keep the number of images that a stream has left: those that are late now.
+
+        Args:
+            start_ns: begin of the exposure whose image was next (host monotonic) [ns].
+            exposure_ns: exposure [ns].
+            period_ns: frame period [ns].
+        """
+        delay_ns = self._clock.monotonic_ns() - start_ns - exposure_ns
+        self._left = max(0, delay_ns // period_ns - 1)
 
     def image(self, start_ns: int, settings: StreamSettings, period_ns: int) -> NDArray[np.uint8]:
         """Render the image whose exposure begins at `start_ns` (host monotonic) [ns], and count its delay.
@@ -68,4 +89,4 @@ class CountedSource:
     def statistics(self) -> CameraStatistics:
         """Statistics since the camera was made."""
         mean_ms = 1e3 * self._render_s / max(self._rendered, 1)
-        return CameraStatistics(self.frames, mean_ms, self._late, self._latest_ns / 1e6)
+        return CameraStatistics(self.frames, mean_ms, self._late, self._latest_ns / 1e6, self._unsent)

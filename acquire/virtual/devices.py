@@ -14,22 +14,23 @@ from pathlib import Path
 from typing import Any
 
 from acquire.errors import ConfigError
+from acquire.virtual.device_kinds import USUAL_KINDS, DeviceKinds
 from acquire.virtual.object_archive import SUFFIX, save_object
 from acquire.virtual.objects import OBJECT_NAMES, VirtualObject, load_object
 from acquire.virtual.own_object import read_own_object
 from acquire.virtual.processes import running_process
 from acquire.virtual.station import calibration_sheet
-from acquire.virtual.striker_firmware import FASTEST_MM_S, SLOWEST_MM_S
-from acquire.virtual.usb3_features import device_id, usb3_serial
 from acquire.virtual.usb_library import FOLDER as USB_FOLDER
 from acquire.virtual.usb_library import library_environment
-from acquire.virtual.video_camera import NAME as VIDEO_NAME
-from schemas.camera_kind import CameraKindName
+
+STALL_S = 5.0
+"""time without a frame after which a client opens the virtual camera anew [s]: a second is common while the
+computer is busy, and all images that wait to be drawn would be lost"""
 
 
 @dataclass(frozen=True)
 class DeviceOptions:
-    """Choice of a virtual rig: object, seed of everything random, kinds of camera and striker."""
+    """Choice of a virtual rig: object, seed of everything random, kinds and makes of camera and striker."""
 
     object_name: str
     """name of an object that comes with the program, or path of an object file"""
@@ -39,10 +40,8 @@ class DeviceOptions:
     """loopback address of a virtual GigE camera, one per rig"""
     truth_path: Path | None = None
     """truth file of a user's object; None to draw from the seed what its object file does not state"""
-    striker: str = "dynamixel"
-    """kind of striker: dynamixel or serial"""
-    camera: CameraKindName = "gige"
-    """kind of camera"""
+    kinds: DeviceKinds = USUAL_KINDS
+    """kinds and makes of camera and striker"""
 
 
 @dataclass(frozen=True)
@@ -66,12 +65,13 @@ class Devices:
     @property
     def camera_address(self) -> str:
         """Address of the camera, as the rig file gives it: IP address, video device or device id."""
-        return camera_address(self.options.camera, self.options.address, self.folder, self.options.seed)
+        options = self.options
+        return options.kinds.camera_address(options.address, self.folder, options.seed)
 
     @property
     def environment(self) -> dict[str, str]:
         """Environment variables of the programs that use the camera, beside the usual ones."""
-        return library_environment(self.folder / USB_FOLDER) if self.options.camera == "usb3" else {}
+        return library_environment(self.folder / USB_FOLDER) if self.options.kinds.camera == "usb3" else {}
 
     @contextlib.contextmanager
     def world(self, rig_path: Path, recordings: Path | None = None) -> Iterator[None]:
@@ -89,19 +89,11 @@ class Devices:
             self.folder,
             "acquire.virtual.world_process",
             *self._arguments(),
-            "--striker",
-            self.options.striker,
+            *self.options.kinds.world_arguments,
         ) as ready:
             thing = self.virtual_object
             sheet = calibration_sheet(self.options.seed, thing.camera_distance_m, thing.arm_inertia_kg_m2)
-            text = rig_toml(
-                sheet,
-                self.camera_address,
-                ready["port"],
-                self.socket,
-                striker_kind=self.options.striker,
-                camera_kind=self.options.camera,
-            )
+            text = rig_toml(sheet, self.camera_address, ready["port"], self.socket, self.options.kinds)
             if recordings is not None:
                 entry = f"[recorder]\ndirectory = {json.dumps(str(recordings.resolve()))}"
                 text = text.replace("[recorder]", entry)
@@ -115,7 +107,7 @@ class Devices:
         Raises:
             AcquireError: the camera did not start.
         """
-        camera = ["--kind", self.options.camera, "--address", self.options.address]
+        camera = [*self.options.kinds.camera_arguments, "--address", self.options.address]
         arguments = [*self._arguments(), *camera]
         with running_process("camera", self.folder, "acquire.virtual.camera_process", *arguments):
             yield
@@ -148,37 +140,8 @@ def prepare_devices(options: DeviceOptions, folder: Path) -> Devices:
     return Devices(options, folder, own.virtual, own.object_path, own.notes)
 
 
-def camera_address(kind: CameraKindName, address: str, folder: Path, seed: int) -> str:
-    """Address of a virtual camera, as a rig file gives it.
-
-    Args:
-        kind: kind of camera.
-        address: loopback address of a GigE camera.
-        folder: folder of the rig's files.
-        seed: seed of the rig, which is in the serial number.
-    """
-    places = {"gige": address, "v4l2": str(folder / VIDEO_NAME), "usb3": device_id(usb3_serial(seed))}
-    return places[kind]
-
-
-_SPEEDS = {"serial": f"\nspeed_range_m_s = [{SLOWEST_MM_S / 1000}, {FASTEST_MM_S / 1000}]"}
-"""line of section [striker] with the speeds, by kind of striker; none where they follow from the arm"""
-
-
-_CAMERAS = {
-    "usb3": '\nkind = "usb3"',
-    "v4l2": '\nkind = "v4l2"\ntimestamp_at = "exposure_start"',
-}
-"""lines of section [camera] with kind and stamp, by kind; none for GigE, as in most rig files"""
-
-
 def rig_toml(
-    sheet: dict[str, Any],
-    address: str,
-    port: str,
-    socket: Path,
-    striker_kind: str = "dynamixel",
-    camera_kind: str = "gige",
+    sheet: dict[str, Any], address: str, port: str, socket: Path, kinds: DeviceKinds = USUAL_KINDS
 ) -> str:
     """Text of the rig file (TOML) that a person would write for the virtual rig.
 
@@ -187,8 +150,7 @@ def rig_toml(
         address: address of the virtual camera.
         port: serial port of the virtual servo or striker board.
         socket: path of the daemon's socket.
-        striker_kind: kind of striker.
-        camera_kind: kind of camera.
+        kinds: kinds and makes of camera and striker.
     """
     camera, striker = sheet["camera"], sheet["striker"]
     return f"""# The virtual rig, described as a real one would be.
@@ -199,12 +161,13 @@ gravity_tilt_sd_rad = 0.0005
 table_friction = {sheet["table_friction"]}
 
 [camera]
-name = "main"{_CAMERAS.get(camera_kind, "")}
+name = "main"{kinds.camera_lines}
 address = "{address}"
 width = {camera["width"]}
 height = {camera["height"]}
 frame_rate_hz = 120.0
 exposure_us = 1500.0
+stall_s = {STALL_S}  # its images are late while the computer is busy
 
 [camera.calibration]
 width = {camera["width"]}
@@ -215,8 +178,8 @@ T_world_camera = {json.dumps(camera["T_world_camera"])}
 strain_sd = 1e-4
 
 [striker]
-kind = "{striker_kind}"
-port = "{port}"{_SPEEDS.get(striker_kind, "")}
+kind = "{kinds.striker}"
+port = "{port}"{kinds.striker_lines}
 arm_length_m = {striker["arm_length_m"]}
 effective_mass_kg = {striker["effective_mass_kg"]:.4g}
 effective_mass_sd_kg = 0.05

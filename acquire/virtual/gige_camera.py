@@ -4,8 +4,8 @@ The protocols are the real ones, GVCP (control) and GVSP (stream). Exposure slot
 after the start of the acquisition, by the camera's own clock. A render thread requests each slot's image as
 soon as the image source has data for its whole exposure; the fake's fill callback takes the oldest image that
 was not sent yet and waits if there is none. So the slots set the rate, every slot is sent exactly once, and a
-slow computer sends late but never fewer frames. A source that stalls also stalls the control channel, like a
-camera that hangs.
+slow computer sends late but never fewer frames; a camera that is behind sends at twice its frame rate, never
+faster. A source that stalls also stalls the control channel, like a camera that hangs.
 """
 
 from __future__ import annotations
@@ -46,8 +46,7 @@ SENSOR_WIDTH, SENSOR_HEIGHT = 656, 492
 QUEUE_SLOTS = 32
 """number of exposures whose images were not sent yet at which rendering pauses; it catches up later"""
 WIRE_BYTES_S = 125e6
-"""gigabit data rate [bytes/s], which also limits a camera that is behind: no receiver could take a burst of
-all late frames"""
+"""gigabit data rate [bytes/s]"""
 _SENSOR_WIDTH, _SENSOR_HEIGHT, _WIDTH, _HEIGHT = 0x11C, 0x118, 0x100, 0x104
 _EXPOSURE_US, _FRAME_PERIOD, _GAIN = 0x120, 0x138, 0x110
 _OFFSET_X, _OFFSET_Y, _ACQUISITION, _PRIVILEGE = 0x130, 0x134, 0x124, 0xA00
@@ -104,7 +103,7 @@ class VirtualGigeCamera:
         self._slots: deque[_Slot] = deque()
         self._streaming = self._closed = False
         self._run = 0
-        self._wire_free_ns = 0
+        self._wire_free_ns = self._interval_ns = 0
         self._counted = CountedSource(source, clock)
         self._library = aravis_ctypes.load()
         control = claim_control_port(address, clock)
@@ -270,7 +269,10 @@ class VirtualGigeCamera:
             if self._relay.triggered:
                 period_ns = round(1e9 / self._habits.pulses_hz)
             exposure_ns = round(settings.exposure_us * 1e3)
+            wire_ns = round(settings.width * settings.height / WIRE_BYTES_S * 1e9)
+            self._interval_ns = max(wire_ns, period_ns // 2)
             device_time_ns = self.device_clock.now_ns()
+            self._counted.begin_stream()
             while self._is_wanted(run):
                 start_ns = self.device_clock.to_host(device_time_ns)
                 if not self._wait_until_covered(start_ns + exposure_ns, run):
@@ -279,6 +281,7 @@ class VirtualGigeCamera:
                 stamp_ns = device_time_ns + exposure_ns * self._habits.stamps_end
                 self._queue(_Slot(stamp_ns, np.ascontiguousarray(image)), run)
                 device_time_ns += period_ns
+            self._counted.end_stream(self.device_clock.to_host(device_time_ns), exposure_ns, period_ns)
 
     def _queue(self, slot: _Slot, run: int) -> None:
         with self._condition:
@@ -328,9 +331,7 @@ class VirtualGigeCamera:
             now_ns = self._clock.monotonic_ns()
             if self._wire_free_ns > now_ns:
                 self._clock.sleep((self._wire_free_ns - now_ns) * 1e-9)
-            self._wire_free_ns = max(self._wire_free_ns, now_ns) + round(
-                slot.image.nbytes / WIRE_BYTES_S * 1e9
-            )
+            self._wire_free_ns = max(self._wire_free_ns, now_ns) + self._interval_ns
             self._library.fill(buffer, slot.image)
             self._library.buffer_set_timestamp(buffer, self._ticks(slot.device_time_ns))
             self._counted.frames += 1

@@ -6,6 +6,8 @@ import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from schemas.wording import counted
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -23,6 +25,8 @@ class Pace:
     """largest delay of the simulated world, which the servo's answers share [s]"""
     camera_s: float
     """largest delay of an image after the end of its exposure [s]"""
+    unsent: int = 0
+    """number of images that were never drawn, as the camera was opened anew while they were late"""
 
     def note(self) -> str | None:
         """Line for the user if the computer was too busy; None if it kept up."""
@@ -33,9 +37,15 @@ class Pace:
             late.append(f"images came up to {self.camera_s:.1f} s late")
         if not late:
             return None
+        unsent = ""
+        if self.unsent:
+            unsent = (
+                f"{counted(self.unsent, 'late image', 'was')} never sent, because the camera was opened "
+                "anew, and count as lost; "
+            )
         return (
-            f"this computer was too busy: {' and '.join(late)}; servo faults, second contacts and repeated "
-            "strikes may come from that: close other programs, and run it again"
+            f"this computer was too busy: {' and '.join(late)}; {unsent}servo faults, second contacts and "
+            "repeated strikes may come from that: close other programs, and run it again"
         )
 
 
@@ -45,11 +55,16 @@ def read_pace(folder: Path) -> Pace:
     Args:
         folder: folder of the rig's files.
     """
-    return Pace(_latest_s(folder / "world.json"), _latest_s(folder / "camera.json"))
+    world, camera = folder / "world.json", folder / "camera.json"
+    return Pace(
+        _figure(world, "latest_ms") / 1000,
+        _figure(camera, "latest_ms") / 1000,
+        int(_figure(camera, "unsent")),
+    )
 
 
-def _latest_s(path: Path) -> float:
+def _figure(path: Path, name: str) -> float:
     try:
-        return float(json.loads(path.read_text(encoding="utf-8"))["latest_ms"]) / 1000
+        return float(json.loads(path.read_text(encoding="utf-8"))[name])
     except (OSError, ValueError, KeyError, TypeError):
         return 0.0

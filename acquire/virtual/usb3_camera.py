@@ -96,7 +96,7 @@ class VirtualUsb3Camera:
         self._source, self._clock = source, clock
         self._condition = threading.Condition()
         self._streaming, self._closed = habits.left_streaming, False
-        self._run = 0
+        self._run = self._without_room = 0
         self._counted = CountedSource(source, clock)
         texts = {
             "DeviceVendorName": habits.vendor,
@@ -115,8 +115,8 @@ class VirtualUsb3Camera:
 
     @property
     def packet_counts(self) -> dict[str, int]:
-        """Numbers of stream packets: none, no packet gets lost on a wire."""
-        return {}
+        """Number of images that were lost in the camera, as its memory was full; no packet is lost."""
+        return {"memory_full": self._without_room}
 
     @property
     def statistics(self) -> CameraStatistics:
@@ -201,6 +201,7 @@ class VirtualUsb3Camera:
             wire_ns = round(settings.width * settings.height / self._habits.port_bytes_s * 1e9)
             interval_ns = max(wire_ns, period_ns // 2)
             stamp_ns, number, sent_ns = self.device_clock.now_ns(), 0, 0
+            self._counted.begin_stream()
             while self._wait_until_covered(self.device_clock.to_host(stamp_ns) + exposure_ns, run):
                 start_ns = self.device_clock.to_host(stamp_ns)
                 image = self._counted.image(start_ns, settings, period_ns)
@@ -208,11 +209,13 @@ class VirtualUsb3Camera:
                 sent_ns = self._clock.monotonic_ns()
                 self._deliver(image, stamp_ns + exposure_ns * self._habits.stamps_end, number, settings)
                 stamp_ns, number = stamp_ns + period_ns, number + 1
+            self._counted.end_stream(self.device_clock.to_host(stamp_ns), exposure_ns, period_ns)
 
     def _deliver(
         self, image: NDArray[np.uint8], stamp_ns: int, number: int, settings: StreamSettings
     ) -> None:
         if self._device.unsent_packets(STREAM_IN) >= _PACKETS * self._habits.memory_frames:
+            self._without_room += 1
             return
         region = (settings.width, settings.height, settings.offset_x, settings.offset_y)
         leader = LEADER.pack(b"U3VL", 0, LEADER.size, number, 0, _IMAGE, stamp_ns, MONO8, *region, 0, 0)

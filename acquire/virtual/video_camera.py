@@ -152,12 +152,14 @@ class VirtualVideoCamera:
                 )
             start_ns, number = self._clock.monotonic_ns(), 0
             sent_ns = start_ns
+            self._counted.begin_stream()
             while self._wait_until_covered(start_ns + exposure_ns, run):
                 image = self._counted.image(start_ns, settings, period_ns)
                 self._clock.sleep((sent_ns + period_ns // 2 - self._clock.monotonic_ns()) * 1e-9)
                 sent_ns = self._clock.monotonic_ns()
                 self._deliver(image, self._stamp_ns(start_ns, exposure_ns), number, run)
                 start_ns, number = start_ns + period_ns, number + 1
+            self._counted.end_stream(start_ns, exposure_ns, period_ns)
 
     def _stamp_ns(self, start_ns: int, exposure_ns: int) -> int:
         """Stamp of a frame [ns] whose middle row's exposure starts at `start_ns` [ns]."""

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from acquire.errors import AcquireError
-from acquire.virtual.arm_devices import ARM_DEVICES
+from acquire.virtual.arm_devices import ARM_DEVICES, ArmSetting
 from acquire.virtual.dynamixel_servo import HardwareError
 from acquire.virtual.object_archive import open_object
 from acquire.virtual.objects import VirtualObject
@@ -39,6 +39,7 @@ from acquire.virtual.world import TICK_NS, World
 from acquire.virtual.world_state import StrikerContact, WorldState
 from schemas.planned_toss import PlannedToss
 from schemas.proto import percuss_pb2 as pb
+from schemas.servo_models import DEFAULT_MODEL, MODEL_NAMES, ModelName
 
 STATISTICS_FILE = "world.json"
 _IDLE_NS = 4_000_000
@@ -66,6 +67,7 @@ class WorldProcess:
         clock_ns: function that returns the world's time [ns], that of CLOCK_MONOTONIC.
         table_tilt: (2,) rotation of gravity about x and y of W, the world frame [rad].
         striker: name of the device that moves the arm, a key of ARM_DEVICES.
+        servo: model of a servo.
     """
 
     def __init__(
@@ -76,6 +78,7 @@ class WorldProcess:
         clock_ns: Callable[[], int] = time.monotonic_ns,
         table_tilt: tuple[float, float] = (0.0, 0.0),
         striker: str = "dynamixel",
+        servo: ModelName = DEFAULT_MODEL,
     ) -> None:
         self._clock_ns, self._folder = clock_ns, folder
         self._object = virtual_object
@@ -95,7 +98,8 @@ class WorldProcess:
             self._log_contact,
             table_tilt,
         )
-        self.servo = ARM_DEVICES[striker](self.world, virtual_object, clock_ns, folder, seed)
+        setting = ArmSetting(virtual_object.arm_inertia_kg_m2, folder, seed, servo)
+        self.servo = ARM_DEVICES[striker](self.world, clock_ns, setting)
         self._socket_path = folder / "world.sock"
         self._socket_path.unlink(missing_ok=True)
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -357,6 +361,7 @@ def main() -> None:
     parser.add_argument(
         "--striker", choices=ARM_DEVICES, default="dynamixel", help="kind of the device that moves the arm"
     )
+    parser.add_argument("--servo", choices=MODEL_NAMES, default=DEFAULT_MODEL, help="model of a servo")
     parser.add_argument(
         "--tilt-deg", type=float, nargs=2, default=(0.0, 0.0), help="rotation of gravity about W's x and y"
     )
@@ -376,6 +381,7 @@ def main() -> None:
         arguments.dir,
         table_tilt=(float(tilt_x), float(tilt_y)),
         striker=arguments.striker,
+        servo=arguments.servo,
     )
 
     def stop(_signal: int, _frame: object) -> None:

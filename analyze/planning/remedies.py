@@ -37,7 +37,7 @@ TAG_REMEDIES = {
 """Remedies by code of a marker's fault, the easiest first."""
 GLUED_CODES = frozenset({"no_marker", "hidden"})
 """Codes whose remedy is tried with tags on all faces of the object; the others' with tags always in view."""
-BY_HAND = "strike by hand (--camera), or change the striker's reach and speed limits (rig file)"
+BY_HAND = "strike by hand (--camera), or change the striker: arm, servo, reach, speed limits (rig file)"
 """Remedy for strikes too slow, too fast, too low or too high for a striker."""
 PLATE = (
     "glue on an upright plate that the striker can meet, its weight given as a marker's, and scan both "

@@ -1,4 +1,4 @@
-"""The striker board through all that the rig does with it: check, home, strike, stop.
+"""The striker board through all that the rig does with it: check, home, strike, stop, session.
 
 The board is the virtual one with its arm and a wall, over a pseudo-terminal; `acquire discover` does not
 search for boards.
@@ -9,7 +9,8 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -19,8 +20,10 @@ from acquire.preflight.board import check_board, read_board
 from acquire.preflight.check import Outcome
 from acquire.striker.base import Striker
 from acquire.striker.kinds import make_striker
+from acquire.virtual.device_kinds import DeviceKinds
 from schemas.rig import StrikerConfig
 from tests.acquire.striker.board_bench import LENGTH, BoardBench
+from tests.benchmarks.device_sessions import session_cell
 
 STILL_RAD_S = 0.15
 """angular speed below which the arm counts as resting [rad/s]"""
@@ -30,13 +33,23 @@ WATCH_S = 1.5
 """time for which the arm is watched after a stop [s]"""
 
 
-def board_rows() -> Iterator[tuple[str, dict[str, str]]]:
-    """Rows of a table: name of a board, and what each step gave; the one that fails is the last."""
-    for senses in ("contact", "none"):
-        with TemporaryDirectory() as folder, BoardBench(Path(folder)) as bench:
-            bench.board.firmware.senses = senses
-            words = "with a contact sensor" if senses == "contact" else "without a sensor"
-            yield f"striker board, {words}", _row(bench)
+def board_rows() -> Iterator[tuple[str, Callable[[], dict[str, str]]]]:
+    """Rows of a table: name of a board, and a function that finds out what each step gives.
+
+    The step that fails is the last.
+    """
+    yield "striker board, with a contact sensor", partial(_row_and_session, "contact")
+    yield "striker board, without a sensor", partial(_bench_row, "none")
+
+
+def _row_and_session(senses: str) -> dict[str, str]:
+    return _bench_row(senses) | {"session": session_cell(DeviceKinds(striker="serial"))}
+
+
+def _bench_row(senses: str) -> dict[str, str]:
+    with TemporaryDirectory() as folder, BoardBench(Path(folder)) as bench:
+        bench.board.firmware.senses = senses
+        return _row(bench)
 
 
 def _row(bench: BoardBench) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Servos through all that the rig does with them: discover, check, home, strike, stop.
+"""Servos through all that the rig does with them: discover, check, home, strike, stop, session.
 
 Each model is simulated with the vendor's control table, an adapter that takes a millisecond per answer, and
 one arm of 2.5 g m²; used ones and those that cannot serve are among them.
@@ -9,7 +9,8 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from unittest import mock
@@ -21,10 +22,12 @@ from acquire.preflight.servo import check_servo, read_servo
 from acquire.striker import discovery
 from acquire.striker.discovery import discover_servos
 from acquire.striker.dynamixel import DynamixelStriker
+from acquire.virtual.device_kinds import DeviceKinds
 from schemas.servo_models import SERVO_MODELS, ModelName
 from tests.acquire.striker.conftest import Heard
 from tests.acquire.striker.plant import Plant
 from tests.acquire.striker.test_discovery import old_servo
+from tests.benchmarks.device_sessions import session_cell
 
 STILL_RAD_S = 0.15
 """angular speed below which the arm counts as resting [rad/s]"""
@@ -33,19 +36,23 @@ USED: tuple[tuple[str, Mapping[str, int]], ...] = (
     ("offset 500", {"Homing Offset": 500}),
     ("firmware 37", {"Firmware Version": 37}),
 )
-STEPS = ("discover", "check", "home", "strike", "stop")
+STEPS = ("discover", "check", "home", "strike", "stop", "session")
 
 
-def servo_rows() -> Iterator[tuple[str, dict[str, str]]]:
-    """Rows of a table: name of a servo, and what each of STEPS gave.
+def servo_rows() -> Iterator[tuple[str, Callable[[], dict[str, str]]]]:
+    """Rows of a table: name of a servo, and a function that finds out what each of STEPS gives.
 
     A step that fails is the last of its row, with the reason.
     """
     for model in SERVO_MODELS:
-        yield model, _row(model, {})
+        yield model, partial(_row_and_session, model)
     for name, memory in USED:
-        yield f"XM430-W210, {name}", _row("XM430-W210", memory)
-    yield "AX-12 (protocol 1)", _old()
+        yield f"XM430-W210, {name}", partial(_row, "XM430-W210", memory)
+    yield "AX-12 (protocol 1)", _old
+
+
+def _row_and_session(model: ModelName) -> dict[str, str]:
+    return _row(model, {}) | {"session": session_cell(DeviceKinds(servo=model))}
 
 
 def _row(model: ModelName, memory: Mapping[str, int]) -> dict[str, str]:

@@ -1,16 +1,19 @@
 """Every make of camera and kind of striker, simulated: what discovery, check and use give.
 
-`make bench-devices` prints two tables. A refusal states its reason. The struck session of each servo, and of
-the striker board, is one strike and one stop; the cameras stream for two seconds. The webcam needs root.
+`make bench-devices` prints two tables. A refusal states its reason. Each device is used by itself, where
+faults are among them: cameras stream for two seconds, strikers strike and stop once. Then each make and model
+has a struck session on the whole virtual rig. The webcam needs root.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import click
 import pytest
 from rich.console import Console
 from rich.table import Table
@@ -23,6 +26,7 @@ from acquire.clock.clock import SystemClock
 from acquire.errors import AcquireError
 from acquire.preflight.stamps import measure_stamp
 from acquire.virtual.camera_makes import MAKES, CameraMake
+from acquire.virtual.device_kinds import DeviceKinds
 from acquire.virtual.gige_camera import VirtualGigeCamera
 from acquire.virtual.gige_faults import USUAL, CameraHabits, GigeFaults
 from acquire.virtual.usb3_features import Usb3Habits, device_id
@@ -34,11 +38,14 @@ from tests.acquire.capture.synthetic_rig import CALIBRATION
 from tests.acquire.virtual.pattern_source import PatternSource
 from tests.benchmarks.device_boards import board_rows
 from tests.benchmarks.device_servos import STEPS, servo_rows
+from tests.benchmarks.device_sessions import session_cell
 from tests.usb_bus import SERIAL, bus_folder, pattern_usb3
 
+MakeRow = Callable[[], dict[str, str]]
+"""function that uses a device; returns what each step gave"""
 ADDRESS = "127.0.0.93"
 FRAMES = 240
-CAMERA_STEPS = ("discover", "open", "stream", "stamps")
+CAMERA_STEPS = ("discover", "open", "stream", "stamps", "session")
 LOCKED = GigeFaults(left_streaming=True, left_locked=True)
 FAULTS = {
     "left streaming": GigeFaults(left_streaming=True),
@@ -55,22 +62,37 @@ USB3 = {
 }
 
 
-def camera_rows() -> Iterator[tuple[str, dict[str, str]]]:
-    """Rows of a table: name of a camera, and what each of CAMERA_STEPS gave."""
-    yield "Aravis's own", _row(USUAL)
-    for make in MAKES.values():
-        yield f"{make.vendor} {make.model}", _row(CameraHabits(make=make))
+def camera_rows() -> Iterator[tuple[str, MakeRow]]:
+    """Rows of a table: name of a camera, and a function that finds out what each of CAMERA_STEPS gives."""
+    yield "Aravis's own", lambda: _row(USUAL) | _session(DeviceKinds())
+    for make, known in MAKES.items():
+        kinds, habits = DeviceKinds(make=make), CameraHabits(make=known)
+        yield f"{known.vendor} {known.model}", partial(_row_and_session, kinds, habits)
     for name, faults in FAULTS.items():
-        yield f"Mako, {name}", _row(CameraHabits(make=MAKES["mako"], faults=faults))
-    yield "Blackfly S, left streaming and locked", _row(CameraHabits(make=MAKES["blackfly-s"], faults=LOCKED))
+        yield f"Mako, {name}", partial(_row, CameraHabits(make=MAKES["mako"], faults=faults))
+    blackfly = CameraHabits(make=MAKES["blackfly-s"], faults=LOCKED)
+    yield "Blackfly S, left streaming and locked", partial(_row, blackfly)
     for name, usb_habits in USB3.items():
-        yield name, _usb_row(usb_habits)
+        yield name, partial(_usb_row, usb_habits)
+    for pixel_format in CAMERA_KINDS["v4l2"].pixel_formats:
+        yield f"webcam (V4L2), {pixel_format}", partial(_webcam_row, pixel_format)
+
+
+def _row_and_session(kinds: DeviceKinds, habits: CameraHabits) -> dict[str, str]:
+    return _row(habits) | _session(kinds)
+
+
+def _session(kinds: DeviceKinds) -> dict[str, str]:
+    return {"session": session_cell(kinds)}
+
+
+def _webcam_row(pixel_format: str) -> dict[str, str]:
     with TemporaryDirectory() as folder:
-        for pixel_format in CAMERA_KINDS["v4l2"].pixel_formats:
-            yield f"webcam (V4L2), {pixel_format}", _webcam_row(Path(folder), pixel_format)
+        found = _webcam_used(Path(folder), pixel_format)
+    return found | (_session(DeviceKinds(camera="v4l2")) if pixel_format == "Mono8" else {})
 
 
-def _webcam_row(folder: Path, pixel_format: str) -> dict[str, str]:
+def _webcam_used(folder: Path, pixel_format: str) -> dict[str, str]:
     address = folder / "video0"
     config = CameraConfig.model_validate(
         {
@@ -94,7 +116,8 @@ def _usb_row(habits: Usb3Habits) -> dict[str, str]:
         names = [camera.model for camera in discover_cameras()[0] if camera.kind == "usb3"]
         found = {"discover": ", ".join(names) or "nothing answers"}
         config = CameraConfig(kind="usb3", address=device_id(SERIAL), buffers=64, calibration=CALIBRATION)
-        return found | _used(config, "exposure_end" if habits.stamps_end else "exposure_start")
+        found |= _used(config, "exposure_end" if habits.stamps_end else "exposure_start")
+    return found | (_session(DeviceKinds(camera="usb3")) if habits == Usb3Habits() else {})
 
 
 def _row(habits: CameraHabits) -> dict[str, str]:
@@ -142,15 +165,20 @@ def _stated(make: CameraMake | None) -> str:
     return "exposure_start" if make is None else make.stamp_at
 
 
-def main() -> None:
-    """Print both tables."""
+@click.command()
+@click.option("--only", default="", help="Devices whose name contains this text.")
+def main(only: str) -> None:
+    """Print both tables; each row is shown as soon as it is known."""
     bus_folder()  # before Aravis is loaded
     strikers = itertools.chain(servo_rows(), board_rows())
     for title, steps, rows in (("camera", CAMERA_STEPS, camera_rows()), ("striker", STEPS, strikers)):
         table = Table(title, *steps)
-        for name, found in rows:
-            table.add_row(name, *(found.get(step, "") for step in steps))
-        Console(width=180).print(table)
+        for name, make_row in rows:
+            if only.lower() in name.lower():
+                found = make_row()
+                click.echo(f"{name}: {found}", err=True)
+                table.add_row(name, *(found.get(step, "") for step in steps))
+        Console(width=200).print(table)
 
 
 if __name__ == "__main__":

@@ -26,6 +26,7 @@ from analyze.planning.plan import PlanRequest, plan_strikes
 from analyze.planning.prepared import PreparedObject, prepare_object
 from analyze.verbs.plan.rig import planned_rig, striker_model
 from schemas.rig import StrikerConfig
+from schemas.servo_models import UNMEASURED_MASS_SD_KG
 from tests.analyze.geometry.shapes import spec_of
 from tests.analyze.planning.random_bodies import FAR_TAG
 
@@ -60,8 +61,27 @@ def accepts(config: StrikerConfig, speed: float) -> bool:
 
 
 def test_without_a_rig_file_plans_are_for_the_nominal_striker() -> None:
-    assert striker_model(StrikerConfig()) == StrikerModel()
-    assert planned_rig(None).bench.striker == StrikerModel()
+    nominal = StrikerModel(effective_mass_sd_kg=UNMEASURED_MASS_SD_KG)
+    assert striker_model(StrikerConfig()) == nominal
+    assert planned_rig(None).bench.striker == nominal
+
+
+@pytest.mark.parametrize(
+    ("stated", "sd_kg"),
+    [
+        ("", UNMEASURED_MASS_SD_KG),
+        ("effective_mass_kg = 0.2", 0.05),
+        ("effective_mass_sd_kg = 0.07", 0.07),
+        ("effective_mass_kg = 0.2\neffective_mass_sd_kg = 0.004", 0.004),
+    ],
+)
+def test_only_a_striker_that_nobody_measured_has_the_wide_effective_mass(
+    stated: str, sd_kg: float, tmp_path: Path
+) -> None:
+    path = rig_file(tmp_path / "rig.toml", striker=stated)
+    assert read_rig(path).striker.effective_mass_sd_kg == sd_kg
+    assert planned_rig(path).bench.striker.effective_mass_sd_kg == sd_kg
+    assert planned_rig(path).bench.striker.effective_mass_kg == 0.2
 
 
 def test_the_limits_by_hand(tmp_path: Path) -> None:

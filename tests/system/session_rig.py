@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from acquire.daemon.client import DaemonClient
@@ -19,13 +19,13 @@ from acquire.session.runner import Progress, SessionRunner
 from acquire.session.session_input import SessionInput
 from acquire.session.session_report import SessionReport
 from acquire.virtual.arm_devices import ARM_DEVICES
-from acquire.virtual.devices import camera_address, rig_toml
+from acquire.virtual.device_kinds import USUAL_KINDS, DeviceKinds
+from acquire.virtual.devices import rig_toml
 from acquire.virtual.objects import load_object
 from acquire.virtual.operator import VirtualOperator
 from acquire.virtual.station import calibration_sheet
 from acquire.virtual.toss import TossKind
 from acquire.virtual.usb_library import FOLDER, library_environment
-from schemas.camera_kind import CameraKindName
 from tests.acquire.virtual.world_link import WorldLink
 from tests.loopback import loopback
 from tests.system.fault_rig import Daemon
@@ -46,6 +46,10 @@ def _ended(process: subprocess.Popen[str]) -> None:
     process.communicate(timeout=60)
 
 
+class PlanRefused(Exception):
+    """No strike can be planned on the rig; the message is that of `analyze plan`."""
+
+
 @dataclass
 class SessionRig:
     """The whole virtual rig: world, camera, daemon, and a plan for its object."""
@@ -53,10 +57,9 @@ class SessionRig:
     folder: Path
     cleanup: contextlib.ExitStack
     said: list[str] = field(default_factory=list)
-    striker: str = "dynamixel"
     strikes: int = 3
     """number of planned strikes"""
-    camera_kind: CameraKindName = "gige"
+    kinds: DeviceKinds = USUAL_KINDS
     tosses: int = 0
     """number of planned tosses"""
 
@@ -64,15 +67,16 @@ class SessionRig:
         thing = load_object(OBJECT, SEED)
         (self.folder / "object.toml").write_text(thing.spec_toml)
         self.common = ["--object", OBJECT, "--seed", str(SEED), "--dir", str(self.folder)]
-        arm = self.striker if self.striker in ARM_DEVICES else "dynamixel"
-        world = _started("acquire.virtual.world_process", *self.common, "--striker", arm)
+        # Where a person strikes, a servo stands by.
+        moved = self.kinds if self.kinds.striker in ARM_DEVICES else replace(self.kinds, striker="dynamixel")
+        world = _started("acquire.virtual.world_process", *self.common, *moved.world_arguments)
         self.cleanup.callback(_ended, world)
         rig = self.folder / "d.toml"
         sheet = calibration_sheet(SEED)
-        port = self.folder / ("ttyBoard" if arm == "serial" else "ttyDXL")
-        address = camera_address(self.camera_kind, ADDRESS, self.folder, SEED)
+        port = self.folder / ("ttyBoard" if moved.striker == "serial" else "ttyDXL")
+        address = self.kinds.camera_address(ADDRESS, self.folder, SEED)
         socket = self.folder / "d" / "d.sock"
-        rig.write_text(rig_toml(sheet, address, str(port), socket, self.striker, self.camera_kind))
+        rig.write_text(rig_toml(sheet, address, str(port), socket, self.kinds))
         self.camera = self.start_camera()
         plan = [
             str(self.folder / "object.toml"),
@@ -85,18 +89,19 @@ class SessionRig:
             "--tosses",
             str(self.tosses),
         ]
-        subprocess.run(
-            [sys.executable, "-m", "analyze", "plan", *plan], check=True, stdout=subprocess.DEVNULL
+        planned = subprocess.run(
+            [sys.executable, "-m", "analyze", "plan", *plan], check=False, capture_output=True, text=True
         )
-        usb = library_environment(self.folder / FOLDER) if self.camera_kind == "usb3" else {}
+        if planned.returncode != 0:
+            raise PlanRefused(planned.stderr.strip().splitlines()[-1])
+        usb = library_environment(self.folder / FOLDER) if self.kinds.camera == "usb3" else {}
         self.daemon = Daemon(rig, **usb)
         self.cleanup.callback(self.daemon.end)
         assert self.daemon.ready, self.daemon.complaints
 
     def start_camera(self) -> subprocess.Popen[str]:
-        camera = _started(
-            "acquire.virtual.camera_process", *self.common, "--address", ADDRESS, "--kind", self.camera_kind
-        )
+        arguments = [*self.common, "--address", ADDRESS, *self.kinds.camera_arguments]
+        camera = _started("acquire.virtual.camera_process", *arguments)
         self.cleanup.callback(_ended, camera)
         return camera
 
@@ -126,8 +131,9 @@ class SessionRig:
 
 @contextlib.contextmanager
 def session_rig(
-    striker: str = "dynamixel", strikes: int = 3, camera_kind: CameraKindName = "gige", tosses: int = 0
+    striker: str = "dynamixel", strikes: int = 3, kinds: DeviceKinds | None = None, tosses: int = 0
 ) -> Iterator[SessionRig]:
     """Yield a rig in a folder with a short name, because the path of a socket is limited."""
+    kinds = kinds or DeviceKinds(striker=striker)
     with tempfile.TemporaryDirectory(prefix="ps-") as name, contextlib.ExitStack() as cleanup:
-        yield SessionRig(Path(name), cleanup, [], striker, strikes, camera_kind, tosses)
+        yield SessionRig(Path(name), cleanup, strikes=strikes, kinds=kinds, tosses=tosses)

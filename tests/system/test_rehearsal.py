@@ -113,6 +113,23 @@ def test_a_usb_camera_is_discovered_and_checked_with_the_printed_environment(sho
     assert "start of the exposure, as stated" in lines["frame times"]["found"]
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(200)
+def test_a_make_of_camera_is_discovered_and_its_stamps_are_checked(short_folder: Path) -> None:
+    rig, address = short_folder / "rig" / "rig.toml", loopback(133)
+    chosen = ("--make", "blackfly-s", "--address", address)
+    virtual = started(short_folder, "virtual", *chosen, "--dir", rig.parent)
+    assert virtual.stdout is not None
+    assert any(line.startswith("  analyze report") for line in iter(virtual.stdout.readline, ""))
+    checked = CliRunner().invoke(acquire, ["check", str(rig), "--json"])
+    virtual.send_signal(signal.SIGINT)
+    assert virtual.wait(30) == 0
+    virtual.stdout.close()
+    lines = {line["name"]: line for line in json.loads(checked.stdout)["checks"]}
+    assert "Blackfly S BFS-PGE-04S2M" in lines["camera"]["found"]
+    assert "end of the exposure, as stated" in lines["frame times"]["found"]
+
+
 def test_a_rehearsal_that_cannot_begin(tmp_path: Path) -> None:
     rig = write(tmp_path / "rig.toml", "mine")
     line = complaint(acquire, "virtual", "--dir", tmp_path)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from acquire.virtual.device_kinds import DeviceKinds
 from acquire.virtual.truth import merge_truth
 from analyze.cli import main as analyze
 from analyze.reading.recording import open_recording
@@ -28,7 +29,7 @@ NEEDS_FUSE = pytest.mark.skipif(
     ("kind", "model"), [pytest.param("v4l2", "Virtual webcam", marks=NEEDS_FUSE), ("usb3", "USB3-656")]
 )
 def test_a_session_of_three_strikes_from_the_first_to_the_answer(kind: CameraKindName, model: str) -> None:
-    with session_rig(camera_kind=kind) as rig:
+    with session_rig(kinds=DeviceKinds(camera=kind)) as rig:
         report = rig.session(lambda text, _done, _total: rig.said.append(text))
         assert not report.aborted, rig.said
         assert report.lost == 0, rig.said

@@ -17,6 +17,7 @@ from analyze.tracking.camera_model import camera_from_spec
 from schemas.document import DocumentError, validate
 from schemas.input_file import read_text
 from schemas.rig import RigConfig, StrikerConfig
+from schemas.servo_models import UNMEASURED_MASS_SD_KG
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,8 @@ def planned_rig(path: Path | None) -> PlannedRig:
         PlanError: the file cannot be read, is not a valid rig file, or its striker has no possible speed.
     """
     if path is None:
-        return PlannedRig(Bench(StrikerModel(), view.default_camera(), FRICTION), SharedErrors())
+        striker = StrikerModel(effective_mass_sd_kg=UNMEASURED_MASS_SD_KG)
+        return PlannedRig(Bench(striker, view.default_camera(), FRICTION), SharedErrors())
     try:
         text = read_text(path)
     except FileNotFoundError:

@@ -19,7 +19,7 @@ from acquire.frames.frame import Frame
 from acquire.virtual.usb3_features import DEFAULTS, LIMIT, LIMIT_MODE, Usb3Habits, device_id
 from acquire.virtual.usb_device import ACCESS
 from schemas.rig import CameraConfig
-from tests.acquire.virtual.pattern_source import noise, read_stamp, stamped
+from tests.acquire.virtual.pattern_source import PatternSource, noise, read_stamp, stamped
 from tests.usb_bus import SEED, SERIAL, SIZE, pattern_usb3
 
 pytestmark = [
@@ -242,3 +242,28 @@ def test_no_frame_is_lost_in_a_minute(plugged, usb_config, rate_hz: float) -> No
     camera.close()
     assert lost == 0
     assert frames > 59 * rate_hz
+
+
+def test_late_images_that_are_never_sent_are_told_from_those_lost(
+    usb_config, plugged, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A computer that draws too slowly owes images when the camera is opened anew: nothing lost them."""
+    quick = PatternSource.image
+
+    def slow(*arguments: Any) -> Any:
+        time.sleep(0.04)
+        return quick(*arguments)
+
+    monkeypatch.setattr(PatternSource, "image", slow)
+    camera = opened(usb_config())
+    camera.start()
+    begin_ns, times = 0, [0]
+    while times[-1] < begin_ns + 80_000_000:  # ten images, in whose time some fifty were exposed
+        times.append(next_frame(camera).device_time_ns)
+        begin_ns = begin_ns or times[-1]
+    camera.stop()
+    camera.start()
+    missed = (next_frame(camera).device_time_ns - times[-1]) * 120e-9
+    assert 0.7 * missed - 10 < plugged.statistics.unsent < missed
+    assert plugged.packet_counts == {"memory_full": 0}
+    camera.close()

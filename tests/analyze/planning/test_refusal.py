@@ -241,7 +241,7 @@ PLATES = [
             {"triangles": BOX, "markers": BOX_SIDES},
         ),
         (
-            "change the striker's reach and speed limits",
+            "change the striker: arm, servo, reach, speed limits (rig file)",
             {"triangles": BOX, "markers": BOX_SIDES, "striker": StrikerModel(fastest_m_s=0.1)},
             {"triangles": BOX, "markers": BOX_SIDES},
         ),
