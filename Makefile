@@ -221,7 +221,7 @@ bench-world: setup  ## plans for 179 objects of the world, as CAD meshes, scans 
 bench-world-strikes: setup  ## whether strikes that a plan refuses truly fail in the virtual rig's physics (ten minutes)
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.world_strikes
 
-bench-devices: setup  ## every make of camera, webcam, model of servo and striker board, simulated: discovery, check, use, stop, a struck session (DEVICES=mako) (twenty minutes)
+bench-devices: setup  ## every make of camera, webcam, model of servo and striker board, simulated: discovery, check, use, stop, a struck session (DEVICES=mako) (eleven minutes)
 	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.devices $(if $(DEVICES),--only "$(DEVICES)")
 
 bench-read-rate: setup  ## error of a contact's time by the delay of the servo's adapter (three minutes)
