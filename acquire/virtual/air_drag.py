@@ -1,8 +1,9 @@
 """Force and torque of the air on a flying object: pressure on the panels of its surface.
 
-Each panel that moves against the air takes the force -1/2 rho Cd A u^2 n, with u its speed along the outward
-normal n, A its area, rho the air's density and Cd the object's drag coefficient (as in a Newtonian flow, with
-Cd instead of 2). Not modelled: lift by rotation, friction of the air, shelter behind other panels, wake.
+Each panel that moves against the air takes the force -3/4 q n, one that moves away from it +1/4 q n by the
+suction of the wake, with q = 1/2 rho Cd A u^2, u its speed along the outward normal n, A its area, rho the
+air's density and Cd the object's drag coefficient. Not modelled: lift by rotation, friction of the air,
+shelter behind other panels, a wake that lags.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 
 AIR_KG_M3 = 1.2
 """density of the air [kg/m3]"""
+FRONT_SHARE = 0.75
+"""share of the drag of a plate across the stream that acts on its front; the rest is suction behind it"""
 _PANEL_M = 0.015
 """largest edge of a panel before panels are grouped, and the side of the cells in which they are [m]"""
 _TURNS = 4
@@ -52,8 +55,9 @@ class AirDrag:
             velocity: (3,) velocity of the centre of mass along the axes of O, the object's frame [m/s].
             rate: (3,) angular velocity along the axes of O [rad/s].
         """
-        speed = np.maximum(self._rows @ np.concatenate([velocity, rate]), 0.0)
-        return -(self._factors * speed * speed) @ self._rows
+        speed = self._rows @ np.concatenate([velocity, rate])
+        push = np.where(speed > 0, FRONT_SHARE, FRONT_SHARE - 1.0) * speed * speed
+        return -(self._factors * push) @ self._rows
 
 
 def _panels(triangles: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
