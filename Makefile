@@ -13,7 +13,7 @@ OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(basename $(notdir $(OBJECT)))-$(SEED).mcap
 
-.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-console bench-honesty bench-adaptive attack bench-world-sessions bench-batch bench-import bench-unplanned bench-world bench-world-strikes bench-devices bench-read-rate bench-late-stamps bench-servo-safety protos lock clean
+.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-console bench-honesty bench-contents bench-adaptive attack bench-world-sessions bench-batch bench-import bench-unplanned bench-world bench-world-strikes bench-devices bench-read-rate bench-late-stamps bench-servo-safety protos lock clean bench-contact
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -184,6 +184,10 @@ HONESTY ?=
 bench-honesty: setup  ## the whole answer as users give it: coverage, the verdict's confusion (HONESTY="--bodies sharp") (an hour)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.honesty $(HONESTY)
 
+CONTENTS ?=
+bench-contents: setup  ## rigid or not: boxes with liquid, powder, loose lumps or nothing that moves (CONTENTS="--rigid 20 --each 3 --contained 1") (fifteen minutes)
+	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.contents $(CONTENTS)
+
 WORLD_SESSIONS ?=
 bench-world-sessions: setup  ## whole sessions of objects of the world on mesh-accurate bodies: error of c, intervals that hold (WORLD_SESSIONS="--shapes mug --kinds scan") (ten minutes)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.world_sessions $(WORLD_SESSIONS)
@@ -228,6 +232,10 @@ bench-late-stamps: setup  ## the sample recording's answer with its frames late,
 
 bench-servo-safety: setup  ## faults of servos, with and without the striker's precautions: how fast the arm moves, and how long (one minute)
 	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.servo_safety
+
+CONTACT ?=
+bench-contact: setup  ## friction, restitution and predicted strikes against truth on seven tables, five objects (CONTACT="--seeds 1 --objects carton") (an hour)
+	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.contact $(CONTACT)
 
 protos: setup  ## regenerate schemas/proto/percuss_pb2.py(.pyi)
 	@$(BIN)/python -m grpc_tools.protoc -I schemas/proto --python_out=schemas/proto --pyi_out=schemas/proto schemas/proto/percuss.proto

@@ -24,6 +24,7 @@ from analyze.verbs.import_ import import_
 from analyze.verbs.inspect.command import inspect
 from analyze.verbs.parts import parts
 from analyze.verbs.plan.command import plan
+from analyze.verbs.predict import predict
 from analyze.verbs.print_tags import print_tags
 from analyze.verbs.query import query
 from analyze.verbs.rebase.command import rebase
@@ -71,6 +72,7 @@ for _verb in (
     parts,
     rig_parts,
     export,
+    predict,
     batch,
     query,
     cache,

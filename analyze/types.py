@@ -304,6 +304,21 @@ class PivotPlace:
 
 
 @dataclass(frozen=True)
+class EdgePath:
+    """Measured path [m] of the planned pivot edge in the n frames of a strike, along and off the table."""
+
+    slip: Array
+    """(n,) displacement along the table since rest, less the rolling on the planned radius [m]"""
+    lift: Array
+    """(n,) height over the position at rest [m]"""
+    covariance: Array
+    """(n, 3, 3) covariance of theta, slip and lift in each frame [rad, m], random part only"""
+    place_sd: float | None
+    """standard deviation [m] of the edge's place by those of the markers on the object; None if no marker's
+    place is known"""
+
+
+@dataclass(frozen=True)
 class TipMotion:
     """Motion of one strike: verdict, tipping angle theta(t) [rad], its phases, and fits to it."""
 
@@ -335,6 +350,8 @@ class TipMotion:
     fit belongs to the planned edge"""
     rest_turns: tuple[RestTurn, ...] = ()
     """turns of the object at rest against its planned pose, one by each marker whose place on it is known"""
+    edge_path: EdgePath | None = None
+    """path of the planned pivot edge in the frames of theta(t); None if no marker was followed"""
 
 
 class RadiusSource(enum.Enum):

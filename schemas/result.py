@@ -11,6 +11,8 @@ from typing import Any, ClassVar
 
 from pydantic import Field, model_validator
 
+from schemas.contact_result import ContactPropertiesResult
+from schemas.contents_result import ContentsResult
 from schemas.document import Document, SparseDocument, Vector3
 from schemas.fixture_result import FixtureResult
 from schemas.quantity import RENAMED, Quantity, RenamedDocument, json_entries
@@ -56,6 +58,7 @@ class WarningCode(enum.Enum):
     STRIKES_SCATTER = "strikes_scatter"
     REST_TURNED = "rest_turned"
     MARKER_MOVED = "marker_moved"
+    NOT_RIGID = "not_rigid"
     TOSSES_NOT_USED = "tosses_not_used"
 
 
@@ -288,6 +291,8 @@ class Result(SparseDocument):
         "filling",
         "frame_times",
         "fixture",
+        "contents",
+        "contact_properties",
         "flight",
     )
 
@@ -344,6 +349,14 @@ class Result(SparseDocument):
 
     fixture: FixtureResult | None = Field(
         default=None, description="what was struck with the object and subtracted; not written without one"
+    )
+
+    contents: ContentsResult | None = Field(
+        default=None, description="whether something moves inside; not written in older results"
+    )
+    contact_properties: ContactPropertiesResult | None = Field(
+        default=None,
+        description="friction and restitution on the table; not written in older results, or if none is seen",
     )
 
     flight: FlightResult | None = Field(

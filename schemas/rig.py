@@ -361,6 +361,12 @@ class RigConfig(Document):
         le=10,
         description="smallest friction coefficient between table and object, which plans assume",
     )
+    table_name: str | None = Field(
+        default=None,
+        min_length=1,
+        max_length=80,
+        description="surface that objects stand on, such as oak: friction is reported for it",
+    )
     table_far_edge_m: float = Field(
         default=TABLE_FAR_EDGE_M,
         gt=0,

@@ -68,6 +68,7 @@ class World:
             completed push.
         table_tilt: (2,) rotation of gravity against the table's normal about W's x and y [rad].
         arm_angle: initial angle of the arm [rad], 0 when it hangs, positive towards W's +x.
+        table_restitution: coefficient of restitution of a contact with the table, 0 to 0.9.
     """
 
     def __init__(
@@ -79,13 +80,14 @@ class World:
         on_contact: Callable[[StrikerContact], None] = lambda _contact: None,
         table_tilt: tuple[float, float] = (0.0, 0.0),
         arm_angle: float = -0.5,
+        table_restitution: float = 0.0,
     ) -> None:
         self._thing = virtual_object
         self._motor = motor
         self._on_tick = on_tick
         self._on_contact = on_contact
         gravity = Rotation.from_rotvec([*table_tilt, 0.0]).apply([0.0, 0.0, -G_M_S2])
-        self._model = mujoco.MjModel.from_xml_string(model_xml(virtual_object, gravity))
+        self._model = mujoco.MjModel.from_xml_string(model_xml(virtual_object, gravity, table_restitution))
         self._data = mujoco.MjData(self._model)
         self._qpos, self._qvel = self._data.qpos, self._data.qvel
         self._centres = contact_centres(virtual_object)

@@ -8,6 +8,7 @@ arm.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,6 +29,8 @@ ARM_DAMPING = 0.0005
 """damping of the hinge [N m s/rad]; the gear's drag is part of the motor's torque"""
 TABLE_CONTACT = 'solref="0.001 1" solimp="0.995 0.9995 0.0001"'
 """MuJoCo's parameters of the contact with the table: stiff, without restitution, 10 um deep at rest"""
+BOUNCE_RATE = 2000.0
+"""natural frequency of a contact with restitution [rad/s]: it lasts 1.6 ms"""
 STRIKER_CONTACT = 'solref="0.0035 0.36" solimp="0.99 0.99 0.001"'
 """MuJoCo's parameters of the contact with the tip: 800 rad/s with a damping ratio of 0.36, so that it lasts
 3 ms with a restitution of about 0.4"""
@@ -36,13 +39,32 @@ STRIKER_FRICTION = 0.1
 against the rising face"""
 
 
-def model_xml(virtual_object: VirtualObject, gravity_world: NDArray[np.float64]) -> str:
+def table_contact(restitution: float) -> str:
+    """MuJoCo's parameters of the contact with a table of a coefficient of restitution, as XML attributes.
+
+    A contact is a damped oscillator: restitution exp(-pi z / sqrt(1 - z^2)) for a damping ratio z. What the
+    body as a whole gives back differs, because several of its contacts share a landing.
+
+    Args:
+        restitution: coefficient of restitution of one contact, 0 to 0.9.
+    """
+    if restitution <= 0.0:
+        return TABLE_CONTACT
+    loss = -math.log(restitution) / math.pi
+    damping = loss / math.sqrt(1.0 + loss * loss)
+    return f'solref="{1.0 / (BOUNCE_RATE * damping):.9g} {damping:.9g}" solimp="0.995 0.9995 0.0001"'
+
+
+def model_xml(
+    virtual_object: VirtualObject, gravity_world: NDArray[np.float64], restitution: float = 0.0
+) -> str:
     """MuJoCo model (MJCF XML text) of table, object and striker's arm.
 
     Args:
         virtual_object: the object: mass properties, contact spheres, shape and friction.
         gravity_world: (3,) gravity in W (world frame, z normal to the table) [m/s2]; not along -z if the
             table is tilted.
+        restitution: coefficient of restitution of a contact with the table, 0 to 0.9.
     """
     body = virtual_object.body
     I = body.inertia_com  # noqa: E741 - the field's name
@@ -61,7 +83,7 @@ def model_xml(virtual_object: VirtualObject, gravity_world: NDArray[np.float64])
 <asset>{meshes}</asset>
 <worldbody>
 <geom name="table" type="plane" size="2 2 0.1" contype="1" conaffinity="0" priority="1"
-      {friction} {TABLE_CONTACT}/>
+      {friction} {table_contact(restitution)}/>
 <body name="object" pos="0 0 0">
 <freejoint name="object"/>
 <inertial pos="{_numbers(body.com_object)}" mass="{body.mass_kg:.12g}" fullinertia="{inertia}"/>

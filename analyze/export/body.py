@@ -68,7 +68,12 @@ class ExportBody:
     provenance: Mapping[str, object]
     """origin of the numbers, as JSON values"""
     friction: float | None = None
-    """coefficient of friction against the table, as the session's rig file states it; None if unknown"""
+    """coefficient of friction against the table, measured or as the session's rig file states it; None if
+    unknown"""
+    restitution: float | None = None
+    """measured coefficient of restitution against the table; None if not measured"""
+    friction_measured: bool = False
+    """True if `friction` is measured, not stated"""
 
     @property
     def identifier(self) -> str:

@@ -10,7 +10,8 @@ from pathlib import Path
 from analyze.cache.results import ResultCache
 from analyze.errors import ExportError
 from analyze.export.body import ExportBody, inertial_of
-from analyze.export.formats import WITH_FRICTION, Format
+from analyze.export.contact import export_contact
+from analyze.export.formats import WITH_CONTACT, Format
 from analyze.export.provenance import provenance
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.pipeline.estimate import EstimateOptions
@@ -48,7 +49,7 @@ class ExportInput:
     def body(self, wanted: Format, name: str) -> ExportBody:
         """Body to be written in the format `wanted`: shape, inertial parameters, and their origin.
 
-        It has the stated coefficient of friction if bodies of the format have one.
+        It has friction and restitution, measured or stated, if bodies of the format have them.
 
         Args:
             wanted: format of the file.
@@ -57,9 +58,21 @@ class ExportInput:
         Raises:
             ExportError: the result has no complete, physically possible inertial parameters.
         """
-        friction = self.friction if wanted in WITH_FRICTION else None
-        origin = provenance(self.result, self.spec.name, software_version(), friction)
-        return ExportBody(self.spec.name, self.model.own, inertial_of(self.result, name), origin, friction)
+        inertial = inertial_of(self.result, name)
+        if wanted not in WITH_CONTACT:
+            origin = provenance(self.result, self.spec.name, software_version())
+            return ExportBody(self.spec.name, self.model.own, inertial, origin)
+        contact = export_contact(self.result, self.friction)
+        origin = provenance(self.result, self.spec.name, software_version(), contact.notes)
+        return ExportBody(
+            self.spec.name,
+            self.model.own,
+            inertial,
+            origin,
+            contact.friction,
+            contact.restitution,
+            contact.measured,
+        )
 
 
 def is_result(files: Sequence[Path]) -> bool:

@@ -42,8 +42,8 @@ class Format(enum.Enum):
         return 1e-6 if self is Format.USD else 1e-9
 
 
-WITH_FRICTION = {Format.SDF, Format.MJCF, Format.GAZEBO}
-"""formats in which a body has a coefficient of friction of its own"""
+WITH_CONTACT = {Format.SDF, Format.MJCF, Format.GAZEBO, Format.URDF}
+"""formats in which a body has friction and restitution of its own; URDF as an extension for Gazebo"""
 
 
 def why_misnamed(output: Path, wanted: Format) -> str | None:

@@ -12,6 +12,7 @@ from __future__ import annotations
 from xml.etree import ElementTree as ET
 
 from analyze.export.body import ExportBody
+from analyze.export.contact import MjcfContact
 from analyze.export.mesh import MeshFile
 from analyze.export.xml_text import child, document
 from analyze.result.urdf_inertial import numbers
@@ -46,12 +47,22 @@ def mjcf_text(body: ExportBody, mesh: MeshFile | None) -> str:
         diaginertia=numbers(moments),
     )
     for role, settings in ROLES.items():
-        # Sliding friction alone; torsional and rolling friction stay at MuJoCo's defaults.
-        friction: dict[str, str] = {}
-        if role == "collision" and body.friction is not None:
-            friction["friction"] = numbers([body.friction])
-        child(own, "geom", name=f"{body.identifier}_{role}", mass="0", **shape, **settings, **friction)
+        contact = _contact(body) if role == "collision" else {}
+        child(own, "geom", name=f"{body.identifier}_{role}", mass="0", **shape, **settings, **contact)
     return document(root, body)
+
+
+def _contact(body: ExportBody) -> dict[str, str]:
+    """Attributes of the collision geom for friction and restitution; torsional and rolling friction stay.
+
+    Measured ones hold against any table's own (`priority`), a stated friction is combined with the table's.
+    """
+    if body.restitution is not None:
+        return MjcfContact(body.friction, body.restitution).attributes()
+    if body.friction is None:
+        return {}
+    own = {"priority": "1"} if body.friction_measured else {}
+    return {**own, "friction": numbers([body.friction])}
 
 
 def _shape(root: ET.Element, body: ExportBody, mesh: MeshFile | None) -> dict[str, str]:

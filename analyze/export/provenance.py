@@ -33,7 +33,9 @@ def prior_entries(result: Result) -> list[tuple[int, int]]:
     return [entry for entry in TENSOR_ENTRIES if not result.inertia_measured[entry[0]][entry[1]]]
 
 
-def provenance(result: Result, name: str, software: str, friction: float | None = None) -> dict[str, object]:
+def provenance(
+    result: Result, name: str, software: str, contact: Mapping[str, object] | None = None
+) -> dict[str, object]:
     """Origin of a result's numbers, as a dict of JSON values for the exported file.
 
     It holds ids and hashes of the inputs; mass, centre of mass and inertia tensor in O (the frame of the
@@ -44,7 +46,7 @@ def provenance(result: Result, name: str, software: str, friction: float | None 
         result: result that is exported; it must contain an inertia tensor.
         name: object name from the object file.
         software: name and version of the program that writes the file.
-        friction: coefficient of friction that the rig file states; None for none.
+        contact: entries on friction and restitution (`export_contact`); None for none.
     """
     inputs = result.inputs
     prior = prior_entries(result)
@@ -59,7 +61,6 @@ def provenance(result: Result, name: str, software: str, friction: float | None 
         for entry in TENSOR_ENTRIES
     }
     com = result.centre_of_mass
-    rubbing = {"friction": {"value": friction, "source": "rig file: least on its table, not measured"}}
     return {
         "object": name,
         "written_by": software,
@@ -82,7 +83,7 @@ def provenance(result: Result, name: str, software: str, friction: float | None 
             "unobserved_direction": com.unobserved_direction,
         },
         "inertia": tensor,
-        **(rubbing if friction is not None else {}),
+        **(contact or {}),
         "warnings": sorted({warning.code.value for warning in result.warnings}),
     }
 

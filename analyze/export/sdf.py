@@ -12,6 +12,7 @@ from __future__ import annotations
 from xml.etree import ElementTree as ET
 
 from analyze.export.body import ExportBody
+from analyze.export.contact import BOUNCE_SPEED
 from analyze.export.mesh import MeshFile
 from analyze.export.xml_text import child, document
 from analyze.result.urdf_inertial import numbers, tensor_entries
@@ -40,16 +41,27 @@ def sdf_text(body: ExportBody, mesh: MeshFile | None, address: str = "") -> str:
     for role in ("visual", "collision"):
         element = child(link, role, name=f"{body.identifier}_{role}")
         _geometry(child(element, "geometry"), body, None if mesh is None else address + mesh.name)
-        if role == "collision" and body.friction is not None:
-            _friction(element, body.friction)
+        if role == "collision":
+            add_surface(element, body)
     return document(root, body)
 
 
-def _friction(collision: ET.Element, coefficient: float) -> None:
-    """Add a coefficient of friction to a `<collision>`, for both directions of ODE's friction pyramid."""
-    ode = child(child(child(collision, "surface"), "friction"), "ode")
-    for name in ("mu", "mu2"):
-        child(ode, name, numbers([coefficient]))
+def add_surface(collision: ET.Element, body: ExportBody) -> None:
+    """Add `<surface>` with friction and bounce to a `<collision>`; nothing if neither is known.
+
+    Friction is that of both directions of ODE's friction pyramid.
+    """
+    if body.friction is None and body.restitution is None:
+        return
+    surface = child(collision, "surface")
+    if body.friction is not None:
+        ode = child(child(surface, "friction"), "ode")
+        for name in ("mu", "mu2"):
+            child(ode, name, numbers([body.friction]))
+    if body.restitution is not None:
+        bounce = child(surface, "bounce")
+        child(bounce, "restitution_coefficient", numbers([body.restitution]))
+        child(bounce, "threshold", numbers([BOUNCE_SPEED]))
 
 
 def _geometry(parent: ET.Element, body: ExportBody, mesh_uri: str | None) -> None:

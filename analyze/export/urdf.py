@@ -1,14 +1,17 @@
 """Write URDF: one link whose frame is O, that of the object's shape file.
 
-`<cylinder>` is along z, as in object files.
+`<cylinder>` is along z, as in object files. URDF has no friction; Gazebo reads it from its own `<gazebo>`
+element, which other readers skip.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from xml.etree import ElementTree as ET
 
 from analyze.export.body import ExportBody
 from analyze.export.mesh import MeshFile
+from analyze.export.sdf import add_surface
 from analyze.export.xml_text import child, document
 from analyze.result.urdf_inertial import inertial_element, numbers
 from schemas.object_spec import Box, Cylinder
@@ -29,7 +32,18 @@ def urdf_text(body: ExportBody, mesh: MeshFile | None) -> str:
         element = child(link, role, name=f"{body.identifier}_{role}")
         child(element, "origin", xyz="0 0 0", rpy="0 0 0")
         _geometry(child(element, "geometry"), body, mesh)
+    if body.friction_measured or body.restitution is not None:
+        _gazebo(child(robot, "gazebo", reference=body.identifier), body)
     return document(robot, body)
+
+
+def _gazebo(extension: ET.Element, body: ExportBody) -> None:
+    """Add measured friction and restitution for Gazebo."""
+    if body.friction_measured and body.friction is not None:
+        for name in ("mu1", "mu2"):
+            child(extension, name, numbers([body.friction]))
+    if body.restitution is not None:
+        add_surface(child(extension, "collision"), replace(body, friction=None))
 
 
 def _geometry(parent: ET.Element, body: ExportBody, mesh: MeshFile | None) -> None:

@@ -36,7 +36,7 @@ from analyze.motion.slow_error import with_slow_error
 from analyze.motion.strike_task import Judgement
 from analyze.motion.tip_angle import Placement, PlanarMotion, tip_angle
 from analyze.motion.verdict import judge_contact, judge_fit, judge_hard, judge_motion, judge_vague
-from analyze.types import TipMotion
+from analyze.types import EdgePath, TipMotion
 from schemas.strike_result import Verdict
 from schemas.watch_lines import StrikeVerdict
 
@@ -125,7 +125,8 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
         reach balance) are None if the object did not tip, nothing fits, or the balance angle is too
         uncertain; tipping angle and phases too if the images end too early.
     """
-    return replace(_about_carrying_line(motion, task, settings), rest_turns=motion.rest_turns)
+    path = EdgePath(motion.angle.slip, motion.lift, motion.covariance, motion.place_sd)
+    return replace(_about_carrying_line(motion, task, settings), rest_turns=motion.rest_turns, edge_path=path)
 
 
 def _about_carrying_line(motion: PlanarMotion, task: StrikeTask, settings: MotionSettings) -> TipMotion:
@@ -395,6 +396,4 @@ def _energy_ratio(fit: MotionFit) -> float:
 
 def _without_motion(task: StrikeTask, judgement: Judgement) -> TipMotion:
     """TipMotion (result) of a strike without measured motion: ids, verdict and its reason, nothing else."""
-    return TipMotion(
-        task.strike_id, task.planned.id, judgement.code, judgement.reason, None, None, None, (), None
-    )
+    return TipMotion(task.strike_id, task.planned.id, judgement.code, judgement.reason)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from analyze.errors import TrackingError
 from analyze.flight.toss import TossMotion
+from analyze.pipeline.contact_properties import with_contact_properties
 from analyze.pipeline.estimate import Estimate, EstimateOptions, estimate_evidence
 from analyze.pipeline.evidence import Evidence, StrikeReading
 from analyze.pipeline.read_evidence import read_strike
@@ -81,6 +82,8 @@ def estimate_with_cache(
 ) -> Estimate:
     """Joint estimate from all strikes, taken from the cache if the same one was computed before.
 
+    It includes friction and restitution on the table.
+
     Args:
         cache: cache of results; None to compute every estimate.
         evidence: fitted motions of all strikes, with object, shape and plan.
@@ -92,10 +95,10 @@ def estimate_with_cache(
     """
     options = options or EstimateOptions()
     if cache is None:
-        return estimate_evidence(evidence, options)
+        return with_contact_properties(estimate_evidence(evidence, options))
 
     def compute() -> KeptEstimate:
-        estimate = estimate_evidence(evidence, options)
+        estimate = with_contact_properties(estimate_evidence(evidence, options))
         return KeptEstimate(estimate, estimate.evidence.spec, estimate.evidence.plan)
 
     kept = cache.get(

@@ -20,6 +20,7 @@ from analyze.estimation.agreement import (
 )
 from analyze.estimation.cells import Cells
 from analyze.estimation.checks import Checks
+from analyze.estimation.contact_properties import ContactProperties
 from analyze.estimation.edge_radii import EdgeRadius, RadiusCheck, estimated_radii
 from analyze.estimation.fill_level import FillLevel
 from analyze.estimation.joint import JointSolution
@@ -40,6 +41,7 @@ from analyze.pipeline.frame_rate import (
     FrameRate,
     with_estimated_gravity,
 )
+from analyze.pipeline.loose_contents import LooseContents, loose_contents
 from analyze.pipeline.prediction import StrikePrediction, predict_strikes
 from analyze.pipeline.shells import region_masses
 from analyze.pipeline.solved import EstimateOptions, recorded_in, solve_strikes
@@ -132,8 +134,12 @@ class Estimate:
     marker on it is known"""
     surface_error: SurfaceError | None
     """error of the shape's faces, assumed and estimated; None if the object file states it"""
+    contents: LooseContents
+    """tests whether the body that tipped is rigid, and its centre of mass by pose"""
     fixture: FixtureEstimate | None = None
     """body that was struck, and errors by their cause, where the object is held in a fixture; else None"""
+    contact: ContactProperties | None = None
+    """friction and restitution on the table; None unless `with_contact_properties` added them"""
     flight: FlightAnswer | None = None
     """answer of the tosses; part of the estimate if it agrees with the strikes; None without a good toss"""
 
@@ -230,6 +236,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         rest=turns_at_rest(evidence, used),
         surface_error=solved.surface_error,
         fixture=solved.fixture,
+        contents=loose_contents(solved, options),
         flight=solved.flight,
     )
 

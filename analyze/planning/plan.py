@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from analyze.errors import PlanError
 from analyze.geometry.station import turned_camera
 from analyze.planning import design, forecast, impact
 from analyze.planning.card import TURNED_CARD, placement_card
+from analyze.planning.contents import contents_test, with_contents_test
 from analyze.planning.examine import TURNED, UsableAxis
 from analyze.planning.fillings import Pieces, region_forecast
 from analyze.planning.footing import unsure_note
@@ -58,6 +60,8 @@ class PlanRequest:
     the usual strike of that edge is added too if it is not in the plan."""
     most_axes: int | None = None
     """Largest number of different axes, each a placement by hand; None for as many as pay."""
+    contents: bool = False
+    """True to strike one edge at three energies and on two faces, to test whether something moves inside."""
 
 
 def plan_strikes(
@@ -111,6 +115,10 @@ def plan_strikes(
         first = prepared.made + len(planned) + 1
         axis = predicted[each.candidate.axis.id]
         planned += [_strike(f"s{first + i}", each, prepared, axis) for i in range(repeats)]
+    tested = None
+    if request.contents:
+        tested = contents_test(prepared, chosen.chosen, chosen.repeats)
+        planned = with_contents_test(planned, tested, prepared, partial(_alone, prepared, chosen))
     if turnables:
         planned += _turned_strikes(turnables, prepared, chosen, len(planned))
     advice = forecast.advice(information, chosen, prepared.made, prepared.model.primitive is not None, so_far)
@@ -156,7 +164,11 @@ def plan_strikes(
         prediction=prediction,
         hypothesis=plan_hypothesis(prepared),
         rejected=list(prepared.rejected),
-        warnings=[*prepared.model.warnings, *_warnings(prepared, usable)],
+        warnings=[
+            *prepared.model.warnings,
+            *_warnings(prepared, usable),
+            *([tested.warning] if tested is not None and tested.warning else []),
+        ],
     )
 
 
@@ -289,6 +301,16 @@ def _strike(
             turned=heading != 0.0,
         ),
     )
+
+
+def _alone(
+    prepared: PreparedObject, chosen: design.Design, index: int, energy: float | None
+) -> PlannedStrike:
+    """Entry of the plan, still without a number, for a strike on a usable axis; None for its usual energy."""
+    each = prepared.usable[index]
+    alone = design.Design((index,), (1,), chosen.covariance)
+    (predicted,) = forecast.axis_forecasts(prepared.information, alone)
+    return _strike("s0", replace(each, energy=energy or each.energy), prepared, predicted)
 
 
 def _turned_strikes(

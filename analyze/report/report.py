@@ -22,8 +22,11 @@ from analyze.report.plots import moments_figure, projection_figures, regions_fig
 from analyze.report.prediction_plot import prediction_figures
 from analyze.report.sensitivity_plot import influence_figure, largest_source_text, source_rows, sources_figure
 from analyze.report.summary import DEGREES, filling_rows, robustness_rows
+from analyze.report.toss_rows import TOSS_COLUMNS, toss_lines, toss_rows
 from analyze.report.truth import ShownTruth, shown_truth
 from analyze.report.voxel_map import voxel_figures, voxel_map_text
+from analyze.result.contact import contact_lines, contact_rows
+from analyze.result.contents import contents_lines, pose_rows
 from analyze.result.digits import decimals, number, signed
 from analyze.result.fixture import fixture_lines
 from analyze.result.frame_times import frame_time_lines
@@ -132,6 +135,8 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
             predictions=[figure_element(figure) for figure in prediction_figures(estimate.predictions)],
             warnings=further_warnings(result),
             fixture=fixture_lines(result),
+            contact=contact_lines(result),
+            contact_rows=contact_rows(result),
             missed=[each for each in estimate.predictions if not each.consistent],
             filling=[] if result.filling is None else filling_rows(result.filling),
             robustness=robustness_rows(result.robustness or []),
@@ -143,6 +148,12 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
                 *radius_lines(result),
                 *frame_time_lines(result.frame_times, len(estimate.evidence.recordings) > 1),
             ],
+            contents_lines=contents_lines(result),
+            poses=pose_rows(result),
+            tosses=toss_rows(result),
+            toss_columns=TOSS_COLUMNS,
+            toss_lines=toss_lines(result),
+            scattered=[] if result.contents is None else result.contents.edges,
             sources=figure_element(sources_figure(rows, half)),
             sources_text=largest_source_text(rows),
             influences=figure_element(influence_figure(estimate.sensitivity)),

@@ -8,6 +8,9 @@ import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from analyze.report.toss_rows import TOSS_COLUMNS, toss_lines, toss_rows
+from analyze.result.contact import contact_lines
+from analyze.result.contents import contents_lines, pose_rows
 from analyze.result.digits import ScaledUnit, open_interval, signed, with_interval
 from analyze.result.fixture import fixture_lines
 from analyze.result.frame_times import frame_time_lines
@@ -16,6 +19,7 @@ from analyze.result.radius import radius_lines
 from analyze.result.tilt import tilt_lines
 from schemas.result import Filling, Parts, Result
 from schemas.terminal import Terminal, styled
+from schemas.toss_result import TossVerdict
 from schemas.wording import counted
 
 if TYPE_CHECKING:
@@ -55,13 +59,27 @@ def render_summary(answer: Answer, console: Terminal | None = None) -> None:
         console.print(line)
     console.print()
     for line in [
+        *contact_lines(result),
         *tilt_lines(result),
         *radius_lines(result),
         *frame_time_lines(result.frame_times, len(recordings) > 1),
+        *contents_lines(result),
+        *toss_lines(result),
     ]:
         console.print(line)
     console.print()
+    _print_tables(result, shown, console)
+    for warning in further_warnings(result):
+        console.print(styled((warning.code.value, "yellow"), f": {warning.text}"))
+
+
+def _print_tables(result: Result, shown: Headline, console: Terminal) -> None:
+    """Print the tables of poses (if it is not rigid), strikes, tosses, moments, masses and what-ifs."""
+    if rows := pose_rows(result):
+        console.print(_poses(rows))
     console.print(_strikes(result, shown.unit))
+    if rows := toss_rows(result):
+        console.print(_tosses(rows))
     console.print(_moments(result, shown.unit))
     console.print(_regions(result))
     if result.parts is not None:
@@ -70,8 +88,6 @@ def render_summary(answer: Answer, console: Terminal | None = None) -> None:
         console.print(_filling(result.filling))
     if result.robustness:
         console.print(_robustness(result.robustness))
-    for warning in further_warnings(result):
-        console.print(styled((warning.code.value, "yellow"), f": {warning.text}"))
 
 
 def _print_answer(shown: Headline, console: Terminal) -> None:
@@ -108,6 +124,13 @@ def _narrow_table(title: str, headings: Sequence[str]) -> Table:
     return table
 
 
+def _poses(rows: Sequence[tuple[str, ...]]) -> Table:
+    table = _narrow_table("Centre of mass by pose, mm, 95 %", ["on face", *"xyz", "off"])
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
 def _strikes(result: Result, unit: ScaledUnit) -> Table:
     table = Table(title="Strikes, 95 %", title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for name in ("strike", "axis", "verdict"):
@@ -126,6 +149,13 @@ def _strikes(result: Result, unit: ScaledUnit) -> Table:
             f"{strike.information_share:.0%}" if strike.used else "–",
             style=None if strike.used else "dim",
         )
+    return table
+
+
+def _tosses(rows: Sequence[tuple[str, ...]]) -> Table:
+    table = _narrow_table("Tosses", TOSS_COLUMNS)
+    for row in rows:
+        table.add_row(*row, style=None if row[1] == TossVerdict.GOOD.value else "dim")
     return table
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.result.agreements import estimator_difference_text
+from analyze.result.contents import contents_text
 from analyze.result.frame_times import wrong_text
 from analyze.result.radius import refuted_radius_text
 from analyze.result.trust import quantity_sentences
@@ -28,6 +29,11 @@ MAX_OUTSIDE_SD = 2.0
 MAX_TRUSTED_SHARE = 0.1
 """half width of the least certain region's 95 % interval over the object's mass, up to which the masses of
 shell and interior parts are trusted"""
+NOT_RIGID_ADVICE = (
+    "the centre of mass of each pose is listed; fix or take out what moves, and strike again, for one of the"
+    " whole"
+)
+"""what to do about a body with something that moves inside"""
 WHOLE_RANGE_SHARE = 0.8
 """width of the range of a region's mass, over the object's mass, from which on the range restricts nothing"""
 
@@ -35,11 +41,11 @@ WHOLE_RANGE_SHARE = 0.8
 def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> list[str]:
     """Sentences on an estimate: what to trust, to doubt, what is not determined, which strikes to repeat.
 
-    Each begins with trust, doubt, not determined, not checked or repeat. Nothing is to be trusted in two
-    cases: the centre of mass lies more than `MAX_OUTSIDE_SD` sd outside the shape's hull; or gravity by the
-    strikes disagrees with the stated one, or a moment of inertia is impossible for the shape, although no
-    stated frame rate is wrong (a wrong one would explain both). If one axis alone makes gravity disagree,
-    only moments are doubted.
+    Each begins with trust, doubt, not determined, not checked or repeat. Nothing is to be trusted in three
+    cases: something moves inside the body, or is suspected to; the centre of mass lies more than
+    `MAX_OUTSIDE_SD` sd outside the shape's hull; or gravity by the strikes disagrees with the stated one, or
+    a moment of inertia is impossible for the shape, although no stated frame rate is wrong (a wrong one would
+    explain both). If one axis alone makes gravity disagree, only moments are doubted.
 
     Args:
         estimate: the estimate.
@@ -54,13 +60,20 @@ def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> li
     moments_doubted = not wrong_rates and bool(checks.impossible_axes)
     one_axis = gravity_doubted and checks.gravity.single_axis is not None
     outside = checks.sigmas_outside_hull > MAX_OUTSIDE_SD
+    not_rigid, suspected = estimate.contents.not_rigid, estimate.contents.suspected
     by_quantity = quantity_sentences(
         estimate,
         regions_text(estimate.distribution, estimate.inertial.mass),
-        sound=not (outside or moments_doubted or (gravity_doubted and not one_axis)),
+        sound=not (
+            not_rigid or suspected or outside or moments_doubted or (gravity_doubted and not one_axis)
+        ),
         moments_sound=not one_axis,
     )
-    found = [each for each in by_quantity if each.startswith("trust")]
+    found: list[str] = []
+    if not_rigid or suspected:
+        advice = f"; {NOT_RIGID_ADVICE}" if not_rigid else ""
+        found.append(f"doubt everything: {contents_text(estimate.contents)}{advice}")
+    found += [each for each in by_quantity if each.startswith("trust")]
     found += [
         f"doubt the frame rate: {wrong_text(each)}; this answer does not use it, and is less certain than"
         " it could be"
@@ -86,7 +99,8 @@ def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> li
         f"doubt strike {each.strike_id}: {estimator_difference_text(each)}; look at its motion"
         for each in estimate.agreements.estimators
     ]
-    missed = [each for each in estimate.predictions if not each.consistent]
+    # What moves inside explains strikes that the others do not predict: another strike would not be better.
+    missed = [each for each in estimate.predictions if not each.consistent and not not_rigid]
     found += [f"repeat strike {each.left_out.strike_id}: {prediction_text(each)}" for each in missed]
     unchecked = unchecked_text(checks.left_out)
     return found if unchecked is None else [*found, unchecked]

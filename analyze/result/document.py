@@ -8,6 +8,8 @@ import numpy as np
 
 from analyze.pipeline.filling import filling_label
 from analyze.result.assessment import assessment
+from analyze.result.contact import contact_document
+from analyze.result.contents import contents_document
 from analyze.result.filling import filling_document, filling_warnings
 from analyze.result.fixture import fixture_document
 from analyze.result.flight import flight_document
@@ -78,10 +80,18 @@ def result_document(estimate: Estimate) -> Result:
             filling=filling,
             frame_times=frame_times or None,
             fixture=fixture_document(estimate.fixture),
+            contents=contents_document(estimate.contents, _half_extent(evidence)),
+            contact_properties=contact_document(evidence.spec.name, estimate.contact),
             flight=flight_document(estimate),
             robustness=robustness_documents(estimate) or None,
         )
     )
+
+
+def _half_extent(evidence: Evidence) -> float:
+    """Half the largest extent [m] of the body that was struck, along an axis of the object frame O."""
+    low, high = evidence.model.bounds
+    return 0.5 * float(np.max(np.asarray(high) - low))
 
 
 def _strike_rows(estimate: Estimate) -> list[StrikeResult]:

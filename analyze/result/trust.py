@@ -212,7 +212,8 @@ def _tensor_texts(estimate: Estimate, moments_sound: bool) -> Iterator[str]:
             f" by {100 * change:.0f} %, beyond its interval"
         )
     elif trusted and moments_sound:
-        yield f"trust {_names(trusted)} of the tensor: strikes measured them"
+        tossed = estimate.flight is not None and estimate.flight.agrees
+        yield f"trust {_names(trusted)} of the tensor: strikes{' and tosses' * tossed} measured them"
     if rough:
         worst = max(float(share[entry]) for entry in rough)
         yield f"doubt {_names(rough)} of the tensor: known only to {100 * worst:.0f} % of the moments"

@@ -10,6 +10,7 @@ from analyze.estimation.markers import can_subtract
 from analyze.reading.file_series import missing_files_text
 from analyze.reading.planned_strikes import planned_strikes
 from analyze.result.assessment import MAX_OUTSIDE_SD, gravity_text, prediction_text
+from analyze.result.contents import contents_text
 from analyze.result.flight import flight_warnings
 from analyze.result.frame_times import unchecked_text, wrong_text
 from analyze.result.strike_warnings import (
@@ -54,6 +55,7 @@ def result_warnings(estimate: Estimate, frame_times: Sequence[FrameTimes]) -> li
     """
     return [
         *_recording_warnings(estimate),
+        *_contents_warnings(estimate),
         *_choice_warnings(estimate),
         *_centre_warnings(estimate),
         *_rate_warnings(estimate.evidence, frame_times),
@@ -103,6 +105,12 @@ def _recording_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
             " their errors allow: was the object opened, refilled or exchanged? Then estimate each recording"
             " by itself",
         )
+
+
+def _contents_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
+    """Yield a warning that something moves inside the struck body, with the evidence."""
+    if estimate.contents.not_rigid:
+        yield warning(WarningCode.NOT_RIGID, contents_text(estimate.contents))
 
 
 def _choice_warnings(estimate: Estimate) -> Iterator[ResultWarning]:

@@ -100,6 +100,7 @@ def _write(source: ExportInput, kind: Format, output: Path, name: str) -> None:
         ExportError: the result has no complete or possible body, or the file is read back differently.
         OutputError: the file cannot be written.
     """
+    from analyze.export.contact import contact_notes
     from analyze.export.provenance import prior_entries
     from analyze.export.write import write_body
     from analyze.types import tensor_entry_name
@@ -117,8 +118,8 @@ def _write(source: ExportInput, kind: Format, output: Path, name: str) -> None:
     if prior := prior_entries(result):
         entries = ", ".join(map(tensor_entry_name, prior))
         echo(f"note: from the shape, not from strikes: {entries}{marks}", err=True)
-    if (friction := body.friction) is not None:
-        echo(f"note: friction {friction:g} is the rig file's table_friction, not measured", err=True)
+    for note in contact_notes(body, result):
+        echo(f"note: {note}", err=True)
     where = "in it" if kind is Format.GAZEBO else "beside it"
     beside = "".join(f", with {path.name} {where}" for path in written[1:])
     echo(f"{kind.value.upper()}: {written[0]}{beside}; read back: the same ten parameters")

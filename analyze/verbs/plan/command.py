@@ -45,6 +45,8 @@ class _PlanArguments:
     """"ours" or "paper": the method of planning"""
     gravity: bool
     """True to add a strike turned by 180 degrees, which determines the table's tilt"""
+    contents: bool
+    """True to strike one edge at three energies and on two faces, which shows contents that move"""
     tosses: int
     """number of tosses by hand after the strikes"""
     as_json: bool
@@ -105,6 +107,12 @@ class _PlanArguments:
     "determines the table's tilt.",
 )
 @click.option(
+    "--contents",
+    is_flag=True,
+    help="Strike one edge at three energies, and the object on two faces: `analyze estimate` then tells "
+    "whether liquid, powder or a loose lump moves inside.",
+)
+@click.option(
     "--tosses",
     default=0,
     type=click.IntRange(0, 20),
@@ -141,6 +149,7 @@ def plan(arguments: _PlanArguments) -> None:
         PlanMethod(arguments.method),
         arguments.gravity,
         arguments.axes,
+        arguments.contents,
         arguments.camera,
         arguments.tosses,
     )
@@ -174,12 +183,13 @@ def _refuse_early(arguments: _PlanArguments) -> None:
         arguments.target_com_mm is not None
         or arguments.given
         or arguments.gravity
+        or arguments.contents
         or arguments.axes is not None
     )
     if arguments.method == "paper" and only_ours:
         raise click.UsageError(
-            "the paper's method has no --axes, --target-com-mm, --given or --gravity: leave them out, or use "
-            "--method ours"
+            "the paper's method has no --axes, --target-com-mm, --given, --gravity or --contents: leave them "
+            "out, or use --method ours"
         )
     inputs = [arguments.object_file, arguments.rig, arguments.camera, *arguments.given]
     refuse_outputs([arguments.output, arguments.scenes], inputs=inputs)

@@ -46,8 +46,8 @@ class PlanOptions:
     """Options of `analyze plan`: rig file, strikes already made, and what is planned.
 
     What is planned is given by the number of strikes or the error to reach [mm], the method (by expected
-    accuracy, or the paper's), the largest number of pivot edges, and whether a strike measures the table's
-    tilt.
+    accuracy, or the paper's), the largest number of pivot edges, and whether strikes measure the table's tilt
+    or test for contents that move.
     """
 
     rig_path: Path | None = None
@@ -65,6 +65,8 @@ class PlanOptions:
     """True to add a strike, turned by 180 degrees, which determines the table's tilt"""
     most_axes: int | None = None
     """largest number of different axes (pivot edges); None for no limit"""
+    contents: bool = False
+    """True to test whether something moves inside: three energies on one edge, and two faces"""
     camera_path: Path | None = None
     """camera file of a phone, for strikes by hand; None for a rig"""
     tosses: int = 0
@@ -176,7 +178,7 @@ def _plan_of(prepared: PreparedObject, sha256: str, options: PlanOptions, progre
     return plan_strikes(
         prepared,
         sha256,
-        PlanRequest(options.strikes, target, options.gravity, options.most_axes),
+        PlanRequest(options.strikes, target, options.gravity, options.most_axes, options.contents),
         cells,
     )
 

@@ -63,7 +63,7 @@ def _strike_table(plan: StrikePlan, by_hand: bool) -> Table:
     force = "how hard" if by_hand else "speed"
     for heading in ("tips at", "strike at", force, "E", "µ needed", "tag", "φ ±", "I_edge ±"):
         table.add_column(heading, justify="right", no_wrap=True)
-    for _, group in groupby(plan.strikes, key=lambda strike: (strike.axis_id, strike.heading_rad)):
+    for _, group in groupby(plan.strikes, key=_row_of):
         same = list(group)
         first = same[0]
         names = first.id if len(same) == 1 else f"{first.id}–{same[-1].id}"
@@ -80,6 +80,11 @@ def _strike_table(plan: StrikePlan, by_hand: bool) -> Table:
             _relative(first),
         )
     return table
+
+
+def _row_of(strike: PlannedStrike) -> tuple[str, float, float | None]:
+    """Axis, heading and energy ratio, which the strikes of one row of the table share."""
+    return strike.axis_id, strike.heading_rad, strike.energy_ratio
 
 
 def _tosses(tosses: Sequence[PlannedToss]) -> str:

@@ -21,6 +21,7 @@ from analyze.cache.results import ResultCache
 from analyze.errors import TrackingError
 from analyze.pipeline import cached
 from analyze.pipeline.cached import KeptEstimate, KeptReading, cached_strike_reader, estimate_with_cache
+from analyze.pipeline.contact_properties import with_contact_properties
 from analyze.pipeline.estimate import Estimate, EstimateOptions
 from analyze.pipeline.estimate_recordings import estimate_recordings
 from analyze.pipeline.evidence import Evidence, RecordingHead, StrikeReading
@@ -86,7 +87,7 @@ def sample() -> Iterator[Recording]:
 
 
 def test_the_second_estimate_computes_nothing_and_is_the_same(session):
-    fresh = session.estimate
+    fresh = with_contact_properties(session.estimate)
     kept = estimate_recordings([SAMPLE], cache=session.cache)
     assert session.work() == (0, 0)
     assert session.warnings == []

@@ -29,8 +29,13 @@ def test_every_sample_gives_the_right_answer(sample):
     done = CliRunner().invoke(analyze, ["estimate", str(sample), "--json"], catch_exceptions=False)
     assert done.exit_code == 0, done.stderr
     result = Result.model_validate_json(done.stdout)
-    assert math.dist(result.centre_of_mass.value, read_truth(sample).body.com_object) < 0.0005
+    truth = read_truth(sample).body
+    assert math.dist(result.centre_of_mass.value, truth.com_object) < 0.0005
     assert all(strike.used for strike in result.strikes)
+    friction = result.contact_properties.friction
+    assert not friction.coefficient.observed
+    assert 0.3 < friction.at_least < truth.friction
+    assert result.contact_properties.table == "the table of this recording"
 
 
 @pytest.mark.slow

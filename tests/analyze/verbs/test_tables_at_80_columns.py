@@ -26,6 +26,7 @@ from analyze.batch.query_output import print_answer
 from analyze.batch.summary import Repeated, Summary
 from analyze.cli import main
 from analyze.importing.table import render_import
+from analyze.predict.document import render_predictions
 from analyze.reading.recording import open_recording
 from analyze.report.summary import render_summary
 from analyze.reproduce.cube_tosses_figure import render_cube
@@ -39,6 +40,13 @@ from analyze.verbs.parts import render_bodies
 from analyze.verbs.plan.table import render_plan
 from analyze.verbs.rebase.table import render_rebase
 from analyze.verbs.register.table import render_registration
+from schemas.predictions import (
+    AngleErrorResult,
+    AssetErrors,
+    PredictedStrikeResult,
+    PredictionsResult,
+    SkippedStrikeResult,
+)
 from schemas.quantity import Quantity
 from schemas.result import Filling, PartResult, Parts
 from schemas.terminal import Terminal
@@ -300,7 +308,20 @@ def show_swings() -> None:
     _print_swing_ratio(swings, swing_ratio(swings))
 
 
+def show_predictions() -> None:
+    error = AngleErrorResult(rms_rad=0.012, largest_rad=0.41)
+    errors = AssetErrors(estimated=error, uniform=error, shell=error)
+    strike = PredictedStrikeResult(
+        strike_id="s12.3", frames=138, seconds=0.61, friction=0.35, friction_is_bound=True, errors=errors
+    )
+    skipped = SkippedStrikeResult(strike_id="s13.1", reason="too few frames of free motion")
+    render_predictions(
+        PredictionsResult(object="tea box", strikes=[strike], skipped=[skipped], median=errors)
+    )
+
+
 SHOWN: dict[str, Callable[..., None]] = {
+    "analyze.predict.document": show_predictions,
     "analyze.report.summary": show_estimate,
     "analyze.result.score": show_score,
     "analyze.verbs.plan.table": show_plan,

@@ -1,0 +1,1 @@
+"""Strikes left out of the estimate, simulated with the exported body and compared with the video."""
