@@ -1,0 +1,111 @@
+"""Strikes and tosses of one box together: what tosses add, and tosses that contradict the strikes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from analyze.flight.toss import TossMotion, analyse_toss
+from analyze.pipeline.evidence import Evidence
+from analyze.pipeline.merge import merge_evidence
+from analyze.pipeline.object_markers import placed_markers
+from analyze.pipeline.tosses import answer_of_flights, thrown_body
+from analyze.result.answer import answer_evidence
+from schemas.object_spec import MarkerSpec
+from schemas.result import WarningCode
+from schemas.session_manifest import CameraCalibrationSpec
+from schemas.toss_result import TossVerdict
+from tests.analyze.flight.thrown_box import CAMERA, ThrownBox, tossed, tracks
+from tests.analyze.pipeline.merged_sessions import recording
+from tests.analyze.simulated_session import carton, session
+
+BODY = carton()
+BOX = ThrownBox(BODY.size, BODY.mass, BODY.com, BODY.inertia, tag_size=0.03)
+
+
+@cache
+def evidence(shift: float = 0.0, tosses: int = 2) -> Evidence:
+    """Session on the carton; c of the body that is tossed lies `shift` [m] higher."""
+    plain = session(BODY, np.random.default_rng(5))
+    markers = [
+        MarkerSpec(
+            id=int(each.id),
+            size_m=each.size,
+            T_object_marker=np.array(each.T_object_marker).tolist(),
+            place_sd_m=1e-4,
+            turn_sd_rad=2e-3,
+        )
+        for each in BOX.markers()
+    ]
+    spec = plain.spec.model_copy(update={"marker": markers, "mass_includes_markers": True})
+    (head,) = plain.recordings
+    calibration = CameraCalibrationSpec(
+        width=CAMERA.width,
+        height=CAMERA.height,
+        K=CAMERA.K.tolist(),
+        T_world_camera=CAMERA.T_world_camera.tolist(),
+    )
+    cameras = [head.manifest.cameras[0].model_copy(update={"calibration": calibration})]
+    manifest = head.manifest.model_copy(update={"cameras": cameras, "object": spec})
+    body, prior = thrown_body(spec, plain.model, manifest)
+    found: list[TossMotion] = []
+    for number in range(tosses):
+        box = replace(BOX, com=BOX.com + np.array([0.0, 0.0, shift]))
+        views, tags = tossed(box, np.random.default_rng((7, number)), noise_px=0.05)
+        found.append(
+            analyse_toss((f"t{number}.1", f"t{number}"), tracks(views, tags), CAMERA, tags, body, prior)
+        )
+    heads = (replace(head, manifest=manifest),)
+    return replace(plain, spec=spec, recordings=heads, tosses=tuple(found))
+
+
+def test_tosses_determine_the_products_of_inertia() -> None:
+    both = answer_evidence(evidence())
+    alone = answer_evidence(replace(evidence(), tosses=()))
+    products = np.array([BODY.inertia[0, 1], BODY.inertia[0, 2], BODY.inertia[1, 2]])
+    found = both.estimate.inertial
+    off = np.array([found.inertia[0, 1], found.inertia[0, 2], found.inertia[1, 2]]) - products
+    largest = np.linalg.eigvalsh(BODY.inertia).max()
+    assert np.abs(off).max() < 0.005 * largest
+    assert found.measured.all()
+    assert not alone.estimate.inertial.measured.all()
+    flight = both.result.flight
+    assert flight is not None
+    assert flight.used
+    assert [toss.verdict for toss in flight.tosses] == [TossVerdict.GOOD] * 2
+    assert flight.inertia_from is not None
+    assert flight.inertia_from[0][1] == "tosses with the size by strikes"
+    assert any("strikes and tosses measured them" in line for line in both.result.verdict or [])
+    assert alone.result.flight is None
+
+
+def test_tosses_that_contradict_the_strikes_are_not_used() -> None:
+    """Another body thrown than was struck: c 8 mm off."""
+    answer = answer_evidence(evidence(0.008))
+    alone = answer_evidence(replace(evidence(), tosses=()))
+    assert answer.result.flight is not None
+    assert not answer.result.flight.used
+    assert answer.estimate.com.position.tolist() == alone.estimate.com.position.tolist()
+    codes = [warning.code for warning in answer.result.warnings]
+    assert WarningCode.TOSSES_NOT_USED in codes
+
+
+def test_tosses_of_two_recordings_are_averaged_without_a_gain() -> None:
+    whole = evidence()
+    one = recording(replace(whole, tosses=whole.tosses[:1]), "a")
+    other = recording(replace(whole, tosses=whole.tosses[1:]), "bb")
+    merged = merge_evidence([one, other])
+    assert [toss.toss_id for toss in merged.tosses] == ["1:t0.1", "2:t1.1"]
+    markers = placed_markers(whole.spec)
+    both = answer_of_flights(merged, markers, frozenset())
+    first = answer_of_flights(merged, markers, frozenset({"2:t1.1"}))
+    second = answer_of_flights(merged, markers, frozenset({"1:t0.1"}))
+    assert both is not None
+    assert first is not None
+    assert second is not None
+    precisions = [np.linalg.inv(each.estimate.covariance) for each in (both, first, second)]
+    mean = 0.5 * (precisions[1] + precisions[2])
+    assert np.abs(precisions[0] - mean).max() < 1e-6 * np.abs(mean).max()
+    assert answer_of_flights(merged, markers, frozenset({"1:t0.1", "2:t1.1"})) is None
