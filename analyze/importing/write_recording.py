@@ -16,13 +16,13 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
+from analyze.importing.log_times import LogTimes
 from analyze.importing.manifest import CAMERA, attachments, manifest
 from analyze.importing.prepared_import import PreparedImport
 from analyze.importing.video_chunks import FULL_CHUNK_BYTES, OpenChunk
 from analyze.importing.windows import StrikeWindow
 from analyze.importing.writer import RecordingWriter
 from analyze.progress import Progress, no_progress
-from analyze.reading.time_range import index_range
 from analyze.sources import image_messages
 from analyze.sources.frame_timing import MissingFrames
 from analyze.sources.image_messages import VideoMessages
@@ -62,34 +62,6 @@ class Written:
     """remarks for the user on sources and camera, missing frames and strikes left out"""
 
 
-@dataclass
-class _LogTimes:
-    """Log times [ns] of the first and the last image of a strike."""
-
-    first_ns: int | None = None
-    """earliest log time [ns]; None without images"""
-    last_ns: int = 0
-    """latest log time [ns]; 0 without images"""
-
-    def add_range(self, at_ns: int, times_ns: NDArray[np.int64], window: StrikeWindow) -> None:
-        """Extend first and last log time to the images of a source that lie in a strike's window.
-
-        Args:
-            at_ns: log time of the source's start [ns].
-            times_ns: (n,) times of the images since the source's start [ns], increasing.
-            window: the strike's window (start and end [ns]) since the source's start.
-        """
-        first, last = index_range(times_ns, window.start_ns, window.end_ns)
-        if first < last:
-            self.add(at_ns + int(times_ns[first]))
-            self.add(at_ns + int(times_ns[last - 1]))
-
-    def add(self, log_time_ns: int) -> None:
-        """Extend first and last log time, if needed, to include that of one more image [ns]."""
-        self.first_ns = log_time_ns if self.first_ns is None else min(self.first_ns, log_time_ns)
-        self.last_ns = max(self.last_ns, log_time_ns)
-
-
 class _Session:
     """Writer of an import's messages to a recording: the sources' images, then the strikes.
 
@@ -112,7 +84,7 @@ class _Session:
         self._sequence = 0
         self.images = self.strikes = self.tosses = 0
         self.remarks: list[str] = []
-        self._seen = [_LogTimes() for _ in prepared.windows]
+        self._seen = [LogTimes() for _ in prepared.windows]
         self._image_topic = _image_topic(prepared)
         self._meta_topic = topics.frame_meta(CAMERA)
 
@@ -156,13 +128,13 @@ class _Session:
         for number, seen in enumerate(tosses, 1):
             self._toss(number, seen)
 
-    def _toss_images(self, number: int) -> _LogTimes:
+    def _toss_images(self, number: int) -> LogTimes:
         """Write all images of a toss; return the log times of the first and the last.
 
         Args:
             number: index of the toss among all.
         """
-        prepared, seen, missing = self._prepared, _LogTimes(), MissingFrames(1e9 / self._prepared.rate_hz)
+        prepared, seen, missing = self._prepared, LogTimes(), MissingFrames(1e9 / self._prepared.rate_hz)
         clip, source = len(prepared.sources) + number, prepared.tosses[number]
         whole = [(seen, StrikeWindow(clip, "", 1, None, None, None))]
         if prepared.storable_videos is None:
@@ -174,7 +146,7 @@ class _Session:
         self._at_ns = self._end_ns + SOURCE_GAP_NS
         return seen
 
-    def _toss(self, number: int, seen: _LogTimes) -> None:
+    def _toss(self, number: int, seen: LogTimes) -> None:
         """Write the record of a toss, in the plan's order where it plans tosses; none without images.
 
         Args:
@@ -197,7 +169,7 @@ class _Session:
         self._writer.write_small(topics.SESSION_TOSS, seen.last_ns, record.SerializeToString())
 
     def _images(
-        self, source: FrameSource, windows: list[tuple[_LogTimes, StrikeWindow]], missing: MissingFrames
+        self, source: FrameSource, windows: list[tuple[LogTimes, StrikeWindow]], missing: MissingFrames
     ) -> None:
         """Write a source's images of strikes to the recording, each with its FrameMeta (frame metadata).
 
@@ -235,7 +207,7 @@ class _Session:
             yield frame.time_ns, image_messages.raw_image(CAMERA, self._at_ns + frame.time_ns, frame.image)
 
     def _video(
-        self, video: VideoSource, windows: list[tuple[_LogTimes, StrikeWindow]], missing: MissingFrames
+        self, video: VideoSource, windows: list[tuple[LogTimes, StrikeWindow]], missing: MissingFrames
     ) -> None:
         """Write a whole video as coded to the recording, in chunks, and update the strikes' log times.
 
@@ -324,7 +296,7 @@ class _Session:
         )
         self._progress(f"writing {source.name}", self.images, max(total, self.images))
 
-    def _strike(self, seen: _LogTimes, window: StrikeWindow) -> None:
+    def _strike(self, seen: LogTimes, window: StrikeWindow) -> None:
         """Write the record of a strike and a line in the recording's log.
 
         A strike without images is left out, with a remark.
