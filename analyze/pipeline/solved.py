@@ -15,7 +15,7 @@ from analyze.estimation.inertia import inertial_parameters_from_joint, shape_pri
 from analyze.estimation.joint import JointSolution, MomentModel, solve_joint
 from analyze.estimation.markers import can_subtract, without_markers
 from analyze.estimation.mass_properties import InertialParameters
-from analyze.estimation.moment_prior import with_flight
+from analyze.estimation.moment_prior import widened, with_flight
 from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
 from analyze.estimation.profile import profiled_posterior
 from analyze.geometry.voxels import voxelise
@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 
 CELLS = 4000
 """approximate number of cells that the body's volume is divided into"""
+PRIOR_WIDENING = 10.0
+"""factor on the shape's prior of the moments where strikes are compared with tosses"""
 MIN_STRIKES = 3
 """fewest usable strikes for an estimate"""
 
@@ -134,9 +136,12 @@ def solve_strikes(evidence: Evidence, options: EstimateOptions) -> SolvedStrikes
     flight = answer_of_flights(evidence, placed_markers(spec), options.exclude)
     if flight is not None:
         alone = inertial_parameters_from_joint(solution, prior, scale)
+        # What the strikes measured, not what the shape suggests: a lump far from the middle refutes that.
+        wide = replace(moments, prior=widened(moments.prior, PRIOR_WIDENING))
+        measured = solve_joint(planes, systematic, prior, wide, solution)
         flight = replace(
             flight,
-            disagreement=disagreement(flight.estimate, solution),
+            disagreement=disagreement(flight.estimate, measured),
             sd_without=alone.inertia_sd,
             measured_without=alone.measured,
         )
