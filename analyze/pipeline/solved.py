@@ -139,9 +139,11 @@ def solve_strikes(evidence: Evidence, options: EstimateOptions) -> SolvedStrikes
         # What the strikes measured, not what the shape suggests: a lump far from the middle refutes that.
         wide = replace(moments, prior=widened(moments.prior, PRIOR_WIDENING))
         measured = solve_joint(planes, systematic, prior, wide, solution)
+        tossed = replace(wide, prior=with_flight(wide.prior, flight.estimate))
+        both = solve_joint(planes, systematic, prior, tossed, solution)
         flight = replace(
             flight,
-            disagreement=disagreement(flight.estimate, measured),
+            disagreement=disagreement(flight.estimate, measured, both),
             sd_without=alone.inertia_sd,
             measured_without=alone.measured,
         )

@@ -9,6 +9,7 @@ import numpy as np
 
 from analyze.errors import TrackingError
 from analyze.estimation.joint_model import COM, SECOND
+from analyze.estimation.strike_data import whitened
 from analyze.flight.air_drag import hull_panels
 from analyze.flight.estimate import estimate_flights
 from analyze.flight.flight_model import ThrownBody
@@ -154,16 +155,24 @@ def _averaged(estimates: Sequence[FlightEstimate]) -> FlightEstimate:
     return FlightEstimate(covariance @ level, covariance, tosses)
 
 
-def disagreement(flight: FlightEstimate, solution: JointSolution) -> float:
-    """Chi^2 of c and the tensor's shape by flights against those by the strikes alone.
+def disagreement(flight: FlightEstimate, alone: JointSolution, both: JointSolution) -> float:
+    """Chi^2 of tosses against strikes: growth of the strikes' misfit by the flights, plus the flights' own.
+
+    A difference of two linearised estimates would not do: moments about edges depend on products of inertia,
+    which strikes leave open, by their squares.
 
     Args:
         flight: estimate from flights.
-        solution: joint solution of the strikes, without flights.
+        alone: joint solution of the strikes without flights, with a wide prior of the moments.
+        both: that of the strikes with the flights, with the same prior and unknowns.
     """
-    numbers, by = scale_free(solution.x[SECOND])
-    rows = np.zeros((8, solution.model.count))
-    rows[:3, COM], rows[3:, SECOND] = np.eye(3), by
-    apart = np.concatenate([solution.x[COM], numbers]) - flight.mean
-    covariance = flight.covariance + rows @ solution.covariance @ rows.T
-    return float(apart @ np.linalg.solve(covariance, apart))
+
+    def misfit(x: Array) -> float:
+        z = whitened(alone.model, alone.data, x)[0]
+        return float(alone.weight @ np.sum(z**2, axis=1)) / alone.spread + float(
+            np.sum(x[SECOND.stop :] ** 2)
+        )
+
+    apart = np.concatenate([both.x[COM], scale_free(both.x[SECOND])[0]]) - flight.mean
+    own = float(apart @ np.linalg.solve(flight.covariance, apart))
+    return max(misfit(both.x) - misfit(alone.x) + own, 0.0)
