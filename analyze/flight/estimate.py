@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analyze.flight.flight_model import COM, DRAG, GRAVITY, SHAPE
+from analyze.flight.flight_model import COM, DRAG, FIRST_TAG, GRAVITY, SHAPE, TAG_TERMS
 from analyze.flight.toss_fit import TossFit, fit_tosses
 from analyze.types import FlightEstimate
 
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 _FOUND = np.r_[COM, SHAPE]
 """places of c and the tensor's shape among the unknowns"""
+MISPLACED_SD = 5.0
+"""shift of a tag against its stated place, in standard deviations of that, from which on it is reported"""
 _SAME_SHAPE = 0.02
 """largest difference of the tensor's numbers of two first guesses that count as one"""
 
@@ -45,6 +47,14 @@ class FlightFit:
     def drag(self) -> Array:
         """Coefficients (2,) of the air's force and moment."""
         return self.fit.x[DRAG]
+
+    @property
+    def misplaced(self) -> dict[int | str, float]:
+        """Distance [m] of the tags from their stated places, of those off by more than `MISPLACED_SD` sd."""
+        model = self.fit.model
+        shifts = self.fit.x[FIRST_TAG : model.shared].reshape(-1, TAG_TERMS)[:, :3]
+        off = np.abs(shifts).max(axis=1) > MISPLACED_SD * model.tags.place_sd
+        return {model.tags.names[i]: float(np.linalg.norm(shifts[i])) for i in np.flatnonzero(off)}
 
     @property
     def gravity(self) -> Array:

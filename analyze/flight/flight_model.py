@@ -145,8 +145,7 @@ def fly(
 
     longest = max(map(len, times))
     padded = np.array([np.append(time, [time[-1]] * (longest - len(time))) for time in times])
-    with np.errstate(over="ignore", invalid="ignore"):  # a step too far, which the fit takes back
-        path, spins = rotated_attitudes(np.tile(attitude, (_VARIANTS, 1, 1)), spin, inertia, padded, torque)
+    path, spins = rotated_attitudes(np.tile(attitude, (_VARIANTS, 1, 1)), spin, inertia, padded, torque)
     velocities = velocity(padded)
     return [
         _path(body, shared, own[i], time, path[:, i, : len(time)], spins[0, i, : len(time)], velocities[i])
@@ -263,10 +262,12 @@ class FlightModel:
         """Expected corners (rows,) [ideal px] and derivatives (rows, count); a view has 8 rows, x and y."""
         expected: list[Array] = []
         derivatives: list[Array] = []
-        for number, path in enumerate(self.paths(x)):
-            pixels, by = self._toss(x, number, path)
-            expected.append(pixels)
-            derivatives.append(by)
+        # A step too far gives no finite corners, and the fit takes it back.
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            for number, path in enumerate(self.paths(x)):
+                pixels, by = self._toss(x, number, path)
+                expected.append(pixels)
+                derivatives.append(by)
         return np.concatenate(expected), np.concatenate(derivatives)
 
     def _toss(self, x: Array, number: int, path: FlightPath) -> tuple[Array, Array]:

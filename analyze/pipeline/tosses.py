@@ -49,6 +49,8 @@ class FlightAnswer:
     """c and shape of the tensor, with covariance"""
     drag: Array
     """(2,) coefficients of the air's force and moment"""
+    misplaced: dict[int | str, float]
+    """distance [m] of markers from their stated places, of those that flights find elsewhere"""
     disagreement: float | None = None
     """chi^2 of the eight numbers against those by strikes alone; None where they were not compared"""
     sd_without: Array | None = None
@@ -139,9 +141,9 @@ def answer_of_flights(
         body, prior = thrown_body(evidence.spec, evidence.model, manifest)
         camera = camera_from_spec(manifest.cameras[0].calibration)
         fits.append(estimate_flights(tosses, body, prior, camera, tag_set(markers)))
-    return FlightAnswer(
-        _averaged([fit.estimate for fit in fits]), np.mean([fit.drag for fit in fits], axis=0)
-    )
+    misplaced = {name: distance for fit in fits for name, distance in fit.misplaced.items()}
+    drag = np.mean([fit.drag for fit in fits], axis=0)
+    return FlightAnswer(_averaged([fit.estimate for fit in fits]), drag, misplaced)
 
 
 def _averaged(estimates: Sequence[FlightEstimate]) -> FlightEstimate:

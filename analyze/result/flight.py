@@ -80,7 +80,7 @@ def inertia_ratios(flight: FlightEstimate) -> tuple[Array, Array]:
 
 
 def flight_warnings(estimate: Estimate) -> list[ResultWarning]:
-    """Warnings about tosses that are not used; empty if all are, or there are none."""
+    """Warnings about tosses that are not used, and markers that are not where the object file says."""
     answer = estimate.flight
     if answer is not None and not answer.agrees:
         text = (
@@ -89,11 +89,16 @@ def flight_warnings(estimate: Estimate) -> list[ResultWarning]:
             " whether something moves inside"
         )
         return [warning(WarningCode.TOSSES_NOT_USED, text)]
+    found: list[ResultWarning] = []
+    if answer is not None and answer.misplaced:
+        places = names_text([f"{name} by {1e3 * off:.1f} mm" for name, off in answer.misplaced.items()])
+        text = f"tosses find markers off their places in the object file: {places}; correct them"
+        found.append(warning(WarningCode.MARKER_MOVED, f"{text} (`analyze register`)"))
     bad = [toss for toss in estimate.evidence.tosses if toss.verdict is not TossVerdict.GOOD]
     if not bad:
-        return []
+        return found
     names = names_text([f"{toss.toss_id} ({toss.verdict.value}: {toss.reason})" for toss in bad])
-    return [warning(WarningCode.TOSSES_NOT_USED, f"not used: {names}")]
+    return [*found, warning(WarningCode.TOSSES_NOT_USED, f"not used: {names}")]
 
 
 def _ratio_quantities(flight: FlightEstimate) -> list[Quantity]:

@@ -85,6 +85,20 @@ def test_three_tosses_determine_centre_and_ratios() -> None:
     assert fit.drag == pytest.approx([1.1, 1.1], abs=0.3)
 
 
+def test_a_misplaced_tag_is_named_and_does_little_harm() -> None:
+    """One of six tags 3 mm off, with a stated sd of 0.3 mm."""
+    rng, moved = np.random.default_rng(11), np.zeros((6, 6))
+    moved[2, 0] = 3e-3
+    found = []
+    for number in range(2):
+        views, tags = tossed(BOX, rng, noise_px=0.03, moved=moved)
+        found.append(analysed(views, tags, f"t{number}"))
+    fit = estimate_flights(found, BODY, PRIOR, CAMERA, tags)
+    off = fit.estimate.mean[:3] - BOX.com
+    assert fit.misplaced == {2: pytest.approx(3e-3, abs=1.5e-3)}
+    assert np.abs(off / np.sqrt(np.diag(fit.estimate.covariance)[:3])).max() < 2.0
+
+
 def test_tracks_without_a_placed_tag_show_nothing() -> None:
     views, tags = tossed(BOX, np.random.default_rng(10))
     others = [
