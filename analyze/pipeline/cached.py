@@ -118,11 +118,8 @@ def _read_strike(
     markers: list[Marker],
     record: pb.StrikeRecord,
 ) -> StrikeReading:
-    if not isinstance(recording, Recording) or recording.content_id is None or recording.damaged_chunks:
-        return read_strike(recording, struck, markers, record)
-    try:
-        inputs = _inputs_of_reading(recording, struck, markers, record)
-    except OSError:  # a file was renamed or removed meanwhile; it is still open
+    inputs = _inputs_of_reading(recording, struck, markers, record)
+    if inputs is None:
         return read_strike(recording, struck, markers, record)
 
     def compute() -> KeptReading:
@@ -142,31 +139,32 @@ def _read_toss(
     markers: list[Marker],
     record: pb.TossRecord,
 ) -> TossMotion:
-    if not isinstance(recording, Recording) or recording.content_id is None or recording.damaged_chunks:
-        return read_toss(recording, struck, markers, record)
-    try:
-        inputs = _inputs_of_reading(recording, struck, markers, record)
-    except OSError:  # a file was renamed or removed meanwhile; it is still open
+    inputs = _inputs_of_reading(recording, struck, markers, record)
+    if inputs is None:
         return read_toss(recording, struck, markers, record)
     label = f"toss {record.toss_id} of {recording.path.name}"
     return cache.get(TossMotion, inputs, label, lambda: read_toss(recording, struck, markers, record))
 
 
 def _inputs_of_reading(
-    recording: Recording,
+    recording: StrikeSource,
     struck: StruckObject,
     markers: list[Marker],
     record: pb.StrikeRecord | pb.TossRecord,
-) -> tuple[object, ...]:
+) -> tuple[object, ...] | None:
     """Values that the reading of one strike or toss depends on; together they are its key in the cache.
+
+    None for a recording whose readings are not kept: one that grows, is damaged, or whose file is gone.
 
     The images are identified by the files' sealed hashes. Size and time of change of the files show whether
     one was damaged since it was sealed.
-
-    Raises:
-        OSError: a file does not exist any more.
     """
-    states = [part.path.stat() for part in recording.parts]
+    if not isinstance(recording, Recording) or recording.content_id is None or recording.damaged_chunks:
+        return None
+    try:
+        states = [part.path.stat() for part in recording.parts]
+    except OSError:  # a file was renamed or removed meanwhile; it is still open
+        return None
     return (
         [part.content_id for part in recording.parts],
         [(state.st_size, state.st_mtime_ns) for state in states],

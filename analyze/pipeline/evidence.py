@@ -32,6 +32,8 @@ class RecordingHead:
     """hash of the recording's contents, independent of its path; "" if the recording has none"""
     strike_ids: tuple[str, ...] = ()
     """strike ids in the recording's order"""
+    toss_ids: tuple[str, ...] = ()
+    """toss ids in the recording's order"""
     shape_sha256: str = ""
     """SHA-256 of the shape file; "" for a primitive"""
     files: tuple[str, ...] = ()

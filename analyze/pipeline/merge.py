@@ -66,7 +66,7 @@ def refuse_unmergeable(heads: Sequence[RecordingHead], overridden: bool = False)
 
 
 def resolve_exclusions(heads: Sequence[RecordingHead], asked: frozenset[str]) -> frozenset[str]:
-    """Merged ids of the strikes that a user excludes.
+    """Merged ids of the strikes and tosses that a user excludes.
 
     A merged id is the strike's own id with the recording's number before it (`2:s3.1`) if there are several
     recordings. The user may give a bare id, without number, where only one recording holds it.
@@ -76,13 +76,15 @@ def resolve_exclusions(heads: Sequence[RecordingHead], asked: frozenset[str]) ->
         asked: ids as the user gave them, bare or merged.
 
     Returns:
-        Merged ids of the strikes named.
+        Merged ids of the strikes and tosses named.
 
     Raises:
         EstimationError: no strike, or more than one, has such an id.
     """
     names = {
-        merged_id(heads, i, strike): strike for i, head in enumerate(heads) for strike in head.strike_ids
+        merged_id(heads, i, name): name
+        for i, head in enumerate(heads)
+        for name in (*head.strike_ids, *head.toss_ids)
     }
     found: set[str] = set()
     for name in sorted(asked):

@@ -75,6 +75,7 @@ def read_open_head(recording: Recording) -> RecordingHead:
         recording.manifest,
         recording.content_id or "",
         tuple(record.strike_id for record in recording.strikes),
+        tuple(record.toss_id for record in recording.tosses),
         "" if shape is None else hashlib.sha256(shape).hexdigest(),
         tuple(part.path.name for part in recording.parts),
         recording.missing_parts,

@@ -51,7 +51,7 @@ with_strike_options = with_options(
         "--exclude",
         multiple=True,
         metavar="STRIKE",
-        help="Leave out a strike, by its id in the report; may be repeated.",
+        help="Leave out a strike or toss, by its id in the report; may be repeated.",
     ),
 )
 """decorator that adds --object and --exclude to a verb's click command"""

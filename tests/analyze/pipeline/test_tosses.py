@@ -9,8 +9,9 @@ import numpy as np
 
 from analyze.flight.toss import TossMotion, analyse_toss
 from analyze.pipeline.evidence import Evidence
-from analyze.pipeline.merge import merge_evidence
+from analyze.pipeline.merge import merge_evidence, resolve_exclusions
 from analyze.pipeline.object_markers import placed_markers
+from analyze.pipeline.solved import EstimateOptions
 from analyze.pipeline.tosses import answer_of_flights, thrown_body
 from analyze.result.answer import answer_evidence
 from schemas.object_spec import MarkerSpec
@@ -90,6 +91,20 @@ def test_tosses_that_contradict_the_strikes_are_not_used() -> None:
     assert answer.estimate.com.position.tolist() == alone.estimate.com.position.tolist()
     codes = [warning.code for warning in answer.result.warnings]
     assert WarningCode.TOSSES_NOT_USED in codes
+
+
+def test_a_toss_can_be_left_out() -> None:
+    (head,) = evidence().recordings
+    head = replace(head, toss_ids=("t0.1", "t1.1"))
+    assert resolve_exclusions([head], frozenset({"t0.1"})) == {"t0.1"}
+    other = replace(head, path=head.path.with_name("b.mcap"))
+    assert resolve_exclusions([head, other], frozenset({"2:t1.1"})) == {"2:t1.1"}
+    result = answer_evidence(evidence(), EstimateOptions(exclude=frozenset({"t0.1"}))).result
+    assert result.flight is not None
+    assert [(toss.verdict, toss.used) for toss in result.flight.tosses] == [
+        (TossVerdict.EXCLUDED, False),
+        (TossVerdict.GOOD, True),
+    ]
 
 
 def test_tosses_of_two_recordings_are_averaged_without_a_gain() -> None:
