@@ -28,6 +28,7 @@ from analyze.sources.video import VideoSource
 from schemas.output_file import OutputError
 from schemas.session_manifest import TimeSource
 from schemas.strike_result import Verdict
+from schemas.toss_result import TossVerdict
 from tests.analyze.importing.tip_videos import (
     PHI,
     RATE,
@@ -174,6 +175,29 @@ def test_import_of_an_image_folder(tmp_path):
         images = _images(recording)
     assert np.diff([time for time, _ in images]).tolist() == [1000 * STEP_US] * (len(tip()) - 1)
     assert all(np.array_equal(image, drawn) for (_, image), drawn in zip(images, tip(), strict=True))
+
+
+@pytest.mark.parametrize("codec", ["libx264", "ffv1"])
+def test_videos_of_tosses_are_stored_whole_beside_the_strikes(tmp_path, codec):
+    """Stored as coded and decoded; a toss's window holds all of its images, a strike's none of them."""
+    suffix = ".mp4" if codec == "libx264" else ".mkv"
+    strike, first, second = (tmp_path / f"{name}{suffix}" for name in ("s1", "up", "down"))
+    write_video(strike, tip(), codec=codec)
+    tossed = [np.full_like(tip()[0], 60 + 2 * number) for number in range(30)]
+    write_video(first, tossed[:20], codec=codec)
+    write_video(second, tossed[20:], codec=codec)
+    path = imported(tmp_path, strike, tosses=(first, second))
+    with open_recording(path) as recording:
+        names = [(toss.toss_id, toss.plan_toss_id) for toss in recording.tosses]
+        windows = [(toss.window_start_ns, toss.window_end_ns) for toss in recording.tosses]
+        images = [_images(recording, *window) for window in windows]
+        struck = recording.strikes[0]
+    assert names == [("t1.1", "t1"), ("t2.1", "t2")]
+    assert [len(each) for each in images] == [20, 10]
+    assert abs(float(images[1][0][1].mean()) - 100) < 3
+    assert struck.window_end_ns < windows[0][0] < windows[0][1] < windows[1][0]
+    evidence = read_evidence(read_head(path))
+    assert [toss.verdict for toss in evidence.tosses] == [TossVerdict.MARKER_LOST] * 2
 
 
 def test_video_of_a_whole_session_is_split(tmp_path):
