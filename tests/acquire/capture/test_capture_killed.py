@@ -25,6 +25,18 @@ def sleep_watching(seconds: float) -> float:
     return held_up_s
 
 
+def recover_unless_just_begun(part: Path, out: Path) -> None:
+    """Recover `part`, unless the kill came before the first whole chunk, with the manifest, was in it.
+
+    What such a file would have held is then the last of what is lost, which the caller bounds.
+    """
+    try:
+        assert recover(part, out).has_manifest
+    except RecorderError as error:
+        if not any(problem in str(error) for problem in ("nothing can be saved", "empty")):
+            raise
+
+
 @pytest.mark.parametrize("large", [False, True], ids=["copied", "borrowed"])
 def test_a_kill_in_a_continuous_recording_costs_less_than_half_a_second(
     tmp_path: Path, environment: pytest.MonkeyPatch, large: bool
@@ -54,8 +66,7 @@ def test_a_kill_in_a_continuous_recording_costs_less_than_half_a_second(
     parts = list(tmp_path.glob("*.part"))
     assert 1 <= len(parts) <= 2
     for number, part in enumerate(parts):
-        if part.stat().st_size:  # empty for an instant after it was made
-            assert recover(part, tmp_path / f"recovered-{number}.mcap").has_manifest
+        recover_unless_just_begun(part, tmp_path / f"recovered-{number}.mcap")
         part.unlink()
     files = [
         read(path) for path in sorted(tmp_path.iterdir())
