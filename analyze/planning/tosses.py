@@ -19,7 +19,6 @@ from analyze.errors import PlanError
 from analyze.geometry.rotations import apply, inverse_transform
 from analyze.planning.examine import Bench
 from analyze.planning.hypothesis import Hypothesis
-from analyze.planning.prepared import PreparedObject
 from analyze.planning.toss_card import toss_card
 from analyze.planning.toss_hold import Hold, best_hold
 from analyze.tracking.camera_model import project
@@ -62,7 +61,9 @@ class FlightPlace:
     """mean edge of the smallest tag there, if it faces the camera [px]"""
 
 
-def with_tosses(plan: StrikePlan, prepared: PreparedObject, count: int) -> StrikePlan:
+def with_tosses(
+    plan: StrikePlan, spec: ObjectSpec, believed: Hypothesis, bench: Bench, count: int
+) -> StrikePlan:
     """Plan with `count` tosses added after its strikes, and `toss_notes` to its warnings; itself for none.
 
     Raises:
@@ -70,7 +71,7 @@ def with_tosses(plan: StrikePlan, prepared: PreparedObject, count: int) -> Strik
     """
     if count == 0:
         return plan
-    tosses = plan_tosses(prepared.spec, prepared.believed, prepared.bench, count)
+    tosses = plan_tosses(spec, believed, bench, count)
     warnings = [*plan.warnings, *toss_notes(tosses)]
     return plan.model_copy(
         update={"tosses": tosses, "schema_version": TOSS_PLAN_VERSION, "warnings": warnings}
