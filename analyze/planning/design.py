@@ -5,12 +5,12 @@ c is the centre of mass; an axis is an edge about which the object is tipped by 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
-from analyze.planning.information import COM, INERTIA, Information, moment_row, normal_spread
+from analyze.planning.information import COM, INERTIA, Information, normal_spread
 from analyze.types import Array
 
 MIN_NORMAL_SPREAD = 0.05
@@ -33,8 +33,6 @@ USUAL_STRIKES = 9
 """Number of strikes for which the error of c that axes allow is judged."""
 MIN_STRIKES = 3
 """Smallest number of strikes that determine c if none was made before, and nothing is tossed."""
-TOSSED_COM_SD = 3e-4
-"""1 sigma of c along each direction by tosses [m]."""
 POOL_SIZE = 24
 """Number of axes of which all triples are tried; the others enter by exchange."""
 STARTS = 3
@@ -332,34 +330,6 @@ class _Search:
             repeats[best] += 1
             total = total + more[best]
         return tuple(repeats)
-
-
-def choose_scale_design(information: Information, strikes: int) -> Design | None:
-    """Design for a body whose tosses give all but the size of its tensor: all strikes on the best axis.
-
-    The best axis is the one about which the moment is determined best, over its size, with the centre of
-    mass known to `TOSSED_COM_SD`.
-
-    Args:
-        information: Candidates, prior knowledge and errors.
-        strikes: Number of strikes.
-
-    Returns:
-        The design; None without a candidate or strike.
-    """
-    belief = replace(information.belief, com_sd=min(TOSSED_COM_SD, information.belief.com_sd))
-    known = replace(information, belief=belief)
-
-    def relative_sd(number: int) -> float:
-        line = known.candidates[number].axis.direction
-        covariance = known.covariance([known.candidates[number]], (strikes,))
-        by = moment_row(line)
-        return float(np.sqrt(by @ covariance[INERTIA, INERTIA] @ by) / (line @ belief.inertia @ line))
-
-    if not known.candidates or strikes < 1:
-        return None
-    best = min(range(len(known.candidates)), key=relative_sd)
-    return Design((best,), (strikes,), known.covariance([known.candidates[best]], (strikes,)))
 
 
 def can_determine_com(information: Information) -> bool:

@@ -22,6 +22,7 @@ from analyze.planning.pivots import PivotAxis
 from analyze.planning.predicted_accuracy import predicted_accuracy
 from analyze.planning.prepared import PreparedObject
 from analyze.planning.refusal import refusal_message
+from analyze.planning.scale_design import choose_scale_design
 from analyze.planning.turned_strike import (
     TurnableAxis,
     best_turnable,
@@ -206,7 +207,7 @@ def _for_scale(prepared: PreparedObject, request: PlanRequest) -> tuple[design.D
     Raises:
         PlanError: no axis can be used.
     """
-    found = design.choose_scale_design(prepared.information, request.strikes)
+    found = choose_scale_design(prepared.information, request.strikes)
     if found is None:
         raise PlanError(refusal_message(prepared))
     return found, ""
