@@ -36,6 +36,8 @@ LEAST_TAG_PX = 24.0
 """smallest mean edge of a tag in flight in the image [px], below which it is lost in some frames"""
 MARGIN_M = 0.03
 """distance of the flight from the image's upper and lower end [m]: a hand does not throw more exactly"""
+LEAST_SEEN = 0.9
+"""least share of a turn in which the camera must see a tag: on a curved side tags lean away from the axes"""
 BORDER_PX = 5.0
 """border of the image that counts as outside [px]"""
 NEAR_PRINCIPAL_RAD = np.radians(5.0)
@@ -116,7 +118,7 @@ def plan_tosses(spec: ObjectSpec, believed: Hypothesis, bench: Bench, count: int
     axes = spin_axes(believed.unit_inertia, count)
     for number, axis in enumerate(axes, 1):
         hold = best_hold(spec, axis)
-        if hold.seen < 1.0:
+        if hold.seen < LEAST_SEEN:
             raise PlanError(_unseen(spec, hold))
         found.append(
             PlannedToss(

@@ -107,7 +107,7 @@ def projection_figures(estimate: Estimate, com_true: Array | None = None) -> lis
     # The close-up shows the ellipse, the ground truth, and the planes that pass nearby.
     widest = 3 * float(np.sqrt(np.diag(covariance)).max())
     off = 0.0 if com_true is None else 1.5 * float(np.abs(com_true - com).max())
-    near = 1.3 * float(np.abs(estimate.com.residuals).max())
+    near = 1.3 * float(np.abs(estimate.com.residuals).max(initial=0.0))
     reach = min(max(widest, off, near, 5e-4), 0.5 * float(extent.max()))
     return [_projection(estimate, com_true, reach, view, name) for *view, name in VIEWS]
 

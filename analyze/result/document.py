@@ -80,7 +80,7 @@ def result_document(estimate: Estimate) -> Result:
                 if estimate.paper is None
                 else _paper_regions(estimate.distribution, estimate.paper.regions)
             ),
-            table_tilt=table_tilts(inertial.com, evidence),
+            table_tilt=table_tilts(inertial.com, evidence) if estimate.fitted_planes else None,
             edge_radii=radius_documents(estimate.edge_radii),
             verdict=assessment(estimate, frame_times),
             parameters_covariance=inertial.covariance.tolist(),

@@ -312,7 +312,8 @@ def render_score(score: dict[str, Any]) -> None:
             signed(np.degrees(wrong), 3),
             "–" if moment is None else signed(100 * moment, 2),
         )
-    console.print(strikes)
+    if score["strike_ids"]:
+        console.print(strikes)
     true, off = (
         1e3 * np.array(score[key]) for key in ("centre_of_mass_true_m", "centre_of_mass_error_vector_m")
     )
