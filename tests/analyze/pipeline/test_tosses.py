@@ -15,6 +15,7 @@ from analyze.pipeline.merge import merge_evidence, resolve_exclusions
 from analyze.pipeline.object_markers import placed_markers
 from analyze.pipeline.solved import EstimateOptions
 from analyze.pipeline.tosses import answer_of_flights, thrown_body
+from analyze.report.report import render_report
 from analyze.result.answer import answer_evidence
 from schemas.object_spec import MarkerSpec
 from schemas.result import WarningCode
@@ -145,6 +146,9 @@ def test_tosses_alone_give_the_centre_of_mass_and_the_ratios() -> None:
     assert answer.result.flight is not None
     assert answer.result.flight.inertia_from is not None
     assert answer.result.flight.inertia_from[0][1] == "tosses with the size by the shape"
+    page = render_report(answer, [])
+    assert "2 tosses were used, and no strike." in page
+    assert "Motion of every strike" not in page
 
 
 def test_one_strike_beside_tosses_measures_the_size() -> None:
