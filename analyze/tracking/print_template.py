@@ -1,0 +1,227 @@
+"""Template of an object's own print: points of its surface with the grey values that they have at rest.
+
+The mean of the images at rest, free of lens distortion, is projected back to the known shape. Kept are the
+points where the print has strong gradients, spread over the faces, and some others, by which the light on
+each face is told from the print.
+
+Frames: O (object), W (world), C (camera).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import trimesh
+
+from analyze.tracking.camera_model import distort, project_ideal, world_to_camera
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from analyze.types import Array, CameraModel, IntArray
+
+BLURS_PX = (3.0, 0.8)
+"""1 sigma of the blur of the two levels [px]: coarse to catch, fine to measure"""
+POINTS = 1500
+"""number of points of a template"""
+CELL_PX = 12
+"""edge of the cells over which the points are spread [px]"""
+_MOST_PER_CELL = 24
+"""largest number of strong points in one cell"""
+BORDER_M, _LEAST_BORDER_PX = 4e-3, 4
+"""distance from the outline and from edges between faces within which no point is taken [m, px]: as far as a
+hand puts the object off its planned place, so that no point lies on the background"""
+_SAME_FACE_RAD = np.radians(15.0)
+"""largest angle between neighbouring triangles of one face"""
+_PLAIN_SHARE = 0.15
+"""share of the points taken anywhere, for the light on each face"""
+_LEAST_POINTS = 40
+"""points below which a face is not used"""
+_STEEPEST = 0.2
+"""least cosine of the angle between a triangle's normal and the line of sight: grazing faces smear"""
+
+
+@dataclass(frozen=True)
+class PrintTemplate:
+    """Points of the surface and their grey values at rest, for both levels of blur."""
+
+    points: Array
+    """(m, 3) points at rest in W [m]"""
+    normals: Array
+    """(m, 3) outward normals of the surface there, in W"""
+    face: IntArray
+    """(m,) number of each point's face, from 0"""
+    grey: Array
+    """(levels, m) grey values at rest"""
+    shading: Array
+    """(m, 3) 1 and the place in the image at rest, over 50 px, about the face's middle: the light's terms"""
+    gradient: Array
+    """(m,) length of the gradient of the finer level [grey/px]"""
+
+    @property
+    def faces(self) -> int:
+        """Number of faces with points."""
+        return int(self.face.max(initial=-1)) + 1
+
+
+class IdealImages:
+    """Images of one camera free of lens distortion, with their gradients, level by level.
+
+    Args:
+        camera: camera that takes the images.
+    """
+
+    def __init__(self, camera: CameraModel) -> None:
+        """Prepare the map from ideal to raw pixels."""
+        columns, rows = np.meshgrid(
+            np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float)
+        )
+        raw = distort(camera, np.stack([columns, rows], axis=-1)).astype(np.float32)
+        self._map = cv2.convertMaps(raw[..., 0], raw[..., 1], cv2.CV_16SC2)
+        self._plain = not np.any(camera.distortion)
+
+    def ideal(self, image: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Image (h, w) free of lens distortion."""
+        if self._plain:
+            return image.astype(np.float32)
+        return cv2.remap(image, *self._map, cv2.INTER_LINEAR).astype(np.float32)
+
+
+def blurred(image: NDArray[np.float32], blur_px: float) -> NDArray[np.float32]:
+    """Image with a Gaussian blur of `blur_px` (1 sigma)."""
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), blur_px), dtype=np.float32)
+
+
+def gradients(image: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Derivatives (h, w) of an image along x and y [grey/px]."""
+    return (
+        np.asarray(cv2.Sobel(image, cv2.CV_32F, 1, 0, scale=0.125), dtype=np.float32),
+        np.asarray(cv2.Sobel(image, cv2.CV_32F, 0, 1, scale=0.125), dtype=np.float32),
+    )
+
+
+def print_template(
+    rest: NDArray[np.float32],
+    camera: CameraModel,
+    vertices: Array,
+    triangles: IntArray,
+    pose: tuple[Array, Array],
+    points: int = POINTS,
+    border_m: float = BORDER_M,
+) -> PrintTemplate:
+    """Template of an object at rest, from the mean image there.
+
+    Args:
+        rest: (h, w) mean of the images at rest, free of lens distortion.
+        camera: camera with its pose in W.
+        vertices: (v, 3) vertices of the shape in O [m].
+        triangles: (t, 3) indices of its triangles, counter-clockwise from outside.
+        pose: rotation (3, 3) and place (3,) [m] of O in W.
+        points: number of points to take.
+        border_m: distance from the outline and from other faces within which no point is taken [m].
+    """
+    placed = vertices @ pose[0].T + pose[1]
+    seen, faces = _visible(camera, placed, triangles)
+    fine = blurred(rest, BLURS_PX[1])
+    size = np.hypot(*gradients(fine))
+    distance = float(np.linalg.norm(placed.mean(axis=0) - camera.T_world_camera[:3, 3]))
+    border = max(_LEAST_BORDER_PX, round(border_m * camera.K[0, 0] / distance))
+    usable = _inner(seen, faces, border)
+    rows, columns = _spread(size, usable, points)
+    triangle = seen[rows, columns]
+    corner = placed[triangles[triangle]]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    pixels = np.column_stack([columns, rows, np.ones(len(rows))])
+    ray = pixels @ np.linalg.inv(camera.K).T @ camera.T_world_camera[:3, :3].T
+    eye = camera.T_world_camera[:3, 3]
+    depth = np.sum((corner[:, 0] - eye) * normal, axis=1) / np.sum(ray * normal, axis=1)
+    at = eye + depth[:, None] * ray
+    grey = np.array([blurred(rest, blur)[rows, columns] for blur in BLURS_PX], dtype=np.float64)
+    return _by_face(at, normal, faces[triangle], grey, pixels[:, :2], size[rows, columns])
+
+
+def _by_face(
+    points: Array, normals: Array, faces: IntArray, grey: Array, pixels: Array, gradient: Array
+) -> PrintTemplate:
+    """Template of the points on faces with at least `_LEAST_POINTS`, which are numbered anew."""
+    names, counts = np.unique(faces, return_counts=True)
+    kept = np.isin(faces, names[counts >= _LEAST_POINTS])
+    _, number = np.unique(faces[kept], return_inverse=True)
+    shading = np.ones((int(kept.sum()), 3))
+    for face in range(int(number.max(initial=-1)) + 1):
+        here = number == face
+        shading[here, 1:] = (pixels[kept][here] - pixels[kept][here].mean(axis=0)) / 50.0
+    return PrintTemplate(
+        points[kept], normals[kept], number.astype(np.int64), grey[:, kept], shading, gradient[kept]
+    )
+
+
+def _visible(camera: CameraModel, placed: Array, triangles: IntArray) -> tuple[IntArray, IntArray]:
+    """Number of the triangle in each pixel (h, w), -1 for none, and the face of each triangle (t,).
+
+    Triangles are drawn from the farthest to the nearest; grazing ones hide others, but are not seen.
+    """
+    corner = placed[triangles]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-15)
+    sight = camera.T_world_camera[:3, 3] - corner.mean(axis=1)
+    distance = np.linalg.norm(sight, axis=1)
+    facing = np.sum(normal * sight, axis=1) / distance
+    R, t = world_to_camera(camera)
+    pixels = np.rint(project_ideal(camera, placed @ R.T + t) * 16).astype(np.int32)
+    drawn = np.full((camera.height, camera.width), -1, dtype=np.int32)
+    for number in np.argsort(-distance):
+        if facing[number] > 0:
+            value = int(number) if facing[number] > _STEEPEST else -1
+            cv2.fillConvexPoly(drawn, pixels[triangles[number]], value, shift=4)
+    return drawn.astype(np.int64), _faces(placed.tobytes(), triangles.tobytes(), len(triangles))
+
+
+@lru_cache(maxsize=4)
+def _faces(placed: bytes, triangles: bytes, count: int) -> IntArray:
+    """Face (t,) of each triangle: neighbours within `_SAME_FACE_RAD` of each other are of one face."""
+    mesh = trimesh.Trimesh(
+        np.frombuffer(placed).reshape(-1, 3),
+        np.frombuffer(triangles, dtype=np.int64).reshape(-1, 3),
+        process=False,
+    )
+    mesh.merge_vertices()
+    smooth = mesh.face_adjacency[mesh.face_adjacency_angles < _SAME_FACE_RAD]
+    labels = trimesh.graph.connected_component_labels(smooth, node_count=count)
+    return np.asarray(labels, dtype=np.int64)
+
+
+def _inner(seen: IntArray, faces: IntArray, border: int) -> NDArray[np.bool_]:
+    """True (h, w) for pixels on a face, more than `border` [px] from the outline or another face."""
+    face = np.where(seen >= 0, faces[np.maximum(seen, 0)] + 1, 0).astype(np.float32)
+    kernel = np.ones((2 * border + 1, 2 * border + 1), np.uint8)
+    same = cv2.dilate(face, kernel) == cv2.erode(face, kernel)
+    return np.asarray((seen >= 0) & same, dtype=np.bool_)
+
+
+def _spread(size: NDArray[np.float32], usable: NDArray[np.bool_], points: int) -> tuple[IntArray, IntArray]:
+    """Rows and columns of the points: the strongest gradients cell by cell, and some others.
+
+    The others are taken evenly from all usable pixels.
+    """
+    rows, columns = np.nonzero(usable)
+    if not len(rows):
+        return rows.astype(np.int64), columns.astype(np.int64)
+    strength = size[rows, columns]
+    cell = (rows // CELL_PX) * (usable.shape[1] // CELL_PX + 1) + columns // CELL_PX
+    order = np.lexsort((-strength, cell))
+    first = np.r_[0, np.flatnonzero(np.diff(cell[order])) + 1]
+    rank = np.arange(len(order)) - np.repeat(first, np.diff(np.r_[first, len(order)]))
+    spread = np.flatnonzero(rank < _MOST_PER_CELL)
+    by_strength = order[spread[np.argsort(-strength[order[spread]], kind="stable")]]
+    strong = by_strength[: round(points * (1 - _PLAIN_SHARE))]
+    others = np.linspace(0, len(rows) - 1, round(points * _PLAIN_SHARE)).astype(np.int64)
+    chosen = np.unique(np.concatenate([strong, others]))
+    return rows[chosen].astype(np.int64), columns[chosen].astype(np.int64)
