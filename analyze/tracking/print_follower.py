@@ -38,8 +38,14 @@ _SEARCH_BELOW = 0.85
 """mean weight of the points, over the usual one, below which other tips are tried"""
 _SEARCHED_RAD = np.concatenate([np.arange(-8, 0), np.arange(1, 17)]) * 0.008
 """tips that are tried, against the predicted one [rad]"""
+_LOST_BELOW = 0.6
+"""mean weight of the points, over the usual one, below which a frame has no fit"""
 _LEAST_SEEN = 40
 """number of points in view below which nothing is fitted"""
+_BLURRED = 2.0
+"""factor on the noise at rest up to which a moving frame's residuals count as explained"""
+_OPEN_SD = np.array([1.0, 0.1, 0.1, 0.05, 0.05, 0.05])
+"""1 sigma of the unknowns of a frame without a fit [rad, m]"""
 _LEAST_NOISE = 0.6
 """least robust scale of the residuals [grey]"""
 
@@ -79,27 +85,35 @@ class PrintFollower:
         self._arms = template.points - pivot
         self._by_rest = _by_rest_pose(template, camera, pivot)
         self._R, self._t = world_to_camera(camera)
-        self._x, self._speed, self._usual = np.zeros(6), 0.0, 0.9
+        self._x, self._speed, self._usual, self._missed = np.zeros(6), 0.0, 0.9, 1
+        self._noise = _LEAST_NOISE
 
     def add(self, image: NDArray[np.uint8]) -> PrintPose:
         """Fit the next frame's pose.
 
-        If the prediction leads to no fit, as in the frame after a blow, tips around it are tried.
+        If the prediction leads to no fit, as in the frame after a blow, the coarse level and tips around the
+        prediction are tried. A frame without a fit does not change what is predicted for the next.
         """
         ideal = self._images.ideal(image)
         start = self._x * np.array([1.0, 0.9, 0.9, 0.9, 0.9, 0.9])
         start[THETA] += self._speed
-        pose = self._levels(ideal, start)
-        if pose.explained < _SEARCH_BELOW * self._usual:
+        least = _SEARCH_BELOW * self._usual
+        pose = self._fit(ideal, start, len(BLURS_PX) - 1)
+        if pose.explained < least:
+            pose = max(pose, self._levels(ideal, start), key=_explained)
+        if pose.explained < least:
             coarse = blurred(ideal, BLURS_PX[0])
             tried = start + np.outer(_SEARCHED_RAD, np.eye(6)[THETA])
             misfit = [self._misfit(coarse, each) for each in tried]
             again = self._levels(ideal, tried[int(np.argmin(misfit))])
-            pose = max(pose, again, key=lambda each: each.explained)
-        else:
+            pose = max(pose, again, key=_explained)
+        if pose.explained >= least:
             self._usual += 0.1 * (pose.explained - self._usual)
-        self._speed = float(pose.x[THETA] - self._x[THETA])
-        self._x = pose.x
+        if pose.explained >= _LOST_BELOW * self._usual:
+            self._speed = float(pose.x[THETA] - self._x[THETA]) / self._missed
+            self._x, self._missed = pose.x, 1
+        else:
+            self._missed += 1
         return pose
 
     def _levels(self, ideal: NDArray[np.float32], start: Array) -> PrintPose:
@@ -121,7 +135,7 @@ class PrintFollower:
         by_x, by_y = gradients(image)
         x = start.copy()
         prior = np.where(np.isfinite(PRIOR_SD), PRIOR_SD**-2.0, 0.0)
-        information, weight, scale = np.diag(prior), np.zeros(1), 1.0
+        information, scale, explained = np.zeros((6, 6)), 1.0, 0.0
         shared = np.zeros((3, 3)), np.zeros(3)
         for _ in range(_ITERATIONS[level]):
             pixels, jacobian, facing = self._projected(x)
@@ -133,6 +147,8 @@ class PrintFollower:
             slope = np.column_stack([_sample(by_x, at), _sample(by_y, at)])
             by_image = np.einsum("ni,nij->nj", slope, jacobian[inside])
             light, off, weight, scale = self._without_light(grey, level, inside)
+            limit = _TUKEY * _BLURRED * max(self._noise, _LEAST_NOISE)
+            explained = float(np.mean(np.clip(1.0 - (off / limit) ** 2, 0.0, None) ** 2))
             rows = weight / scale**2 / _CORRELATED[level]
             A = np.column_stack([by_image, -light])
             normal = (A * rows[:, None]).T @ A
@@ -150,8 +166,10 @@ class PrintFollower:
             x = x + step
             if abs(step[THETA]) < 2e-6 and np.abs(step[X:]).max() < 1e-6:
                 break
+        if not np.all(np.isfinite(x)) or np.linalg.cond(information) > 1e20:
+            return PrintPose(start, np.diag(_OPEN_SD**2), np.inf, 0.0, (np.zeros((3, 3)), np.zeros(3)))
         covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
-        return PrintPose(x, covariance, scale, float(weight.mean()), shared)
+        return PrintPose(x, covariance, scale, explained, shared)
 
     @property
     def _far(self) -> Array:
@@ -207,6 +225,10 @@ class PrintFollower:
 def _sample(image: NDArray[np.float32], at: NDArray[np.float32]) -> Array:
     """Values (n,) of an image between its pixels, at (n, 2) [px]."""
     return cv2.remap(image, at[:, :1], at[:, 1:], cv2.INTER_LINEAR)[:, 0].astype(np.float64)
+
+
+def _explained(pose: PrintPose) -> float:
+    return pose.explained
 
 
 def _by_rest_pose(template: PrintTemplate, camera: CameraModel, pivot: Array) -> Array:
