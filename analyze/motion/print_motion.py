@@ -1,0 +1,190 @@
+"""Motion of a strike by the object's own print: template at rest, tracking, and the pose at rest with them.
+
+A hand puts an object down a degree and a few millimetres off its planned pose. The frames of the tip show
+the turn about the vertical and the distance from the camera, which are fitted with the motion; the place
+along the image does not matter.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.errors import TrackingError
+from analyze.motion.tip_angle import PlanarMotion
+from analyze.tracking.print_follower import ROLL, THETA, YAW, PrintFollower, X, Z
+from analyze.tracking.print_template import IdealImages, print_template
+from analyze.types import TipAngle
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from analyze.motion.tip_angle import Placement
+    from analyze.tracking.print_follower import PrintPose
+    from analyze.types import Array, CameraModel, ImageFrame, IntArray
+
+REST_SD = np.array([math.radians(1.5), 3e-3, 3e-3])
+"""1 sigma of the pose at rest against the plan: turn about W's z [rad], place along x and y [m]"""
+REST_STEPS = 2
+"""number of corrections of the pose at rest, each with the strike tracked again"""
+_REST_CONVERGED = np.array([math.radians(0.02), np.inf, 2e-4])
+"""correction of the pose at rest below which the strike is not tracked again"""
+MAX_THETA_SD = math.radians(0.1)
+"""largest standard deviation of theta in one frame [rad] by the first image: above it the print is too poor"""
+BIAS_SD = math.radians(0.02)
+"""1 sigma of theta's error that neighbouring frames share: grey values between pixels, light, the pose at
+rest"""
+_REST_BEFORE_CONTACT_NS = 4_000_000
+"""time before the contact by which a resting frame's exposure must have ended [ns]"""
+_LEAST_REST = 3
+"""least number of frames at rest"""
+_MOVED_NOISE = 4.0
+"""median change of grey against the first images, over its scatter, from which on the object moves"""
+_LEAST_EXPLAINED = 0.6
+"""share of the print that a frame must explain, over that at rest, to count"""
+
+
+def print_motion(
+    frames: Sequence[ImageFrame],
+    camera: CameraModel,
+    shape: tuple[Array, IntArray],
+    placement: Placement,
+    contact_time_ns: int,
+) -> PlanarMotion:
+    """Motion of a strike from its images by the print that the camera sees at rest.
+
+    Args:
+        frames: images of the strike's window, in order of time.
+        camera: camera with its pose in W.
+        shape: vertices (v, 3) in O [m] and triangles (t, 3) of the object.
+        placement: planned pose of the object and pivot.
+        contact_time_ns: log time of the contact [ns]; 0 if unknown.
+
+    Returns:
+        Tipping angle, slip and lift of the pivot in every frame in which the print was found.
+
+    Raises:
+        TrackingError: fewer than three images at rest, or a print too poor to show the tip.
+    """
+    images = IdealImages(camera)
+    rested = _frames_at_rest(frames, contact_time_ns)
+    rest = np.mean([images.ideal(frame.image) for frame in frames[:rested]], axis=0).astype(np.float32)
+    pivot = placement.R_world_object @ placement.p_object_pivot + placement.p_world_object
+    turned = np.zeros(3)
+    poses: list[PrintPose] = []
+    for step in range(REST_STEPS + 1):
+        R = _about_z(turned[0])
+        shift = np.array([turned[1], turned[2], 0.0])
+        pose = R @ placement.R_world_object, R @ (placement.p_world_object - pivot) + pivot + shift
+        template = print_template(rest, camera, *shape, pose)
+        _refuse_blank(template.faces)
+        follower = PrintFollower(template, camera, pivot + shift, placement.radius)
+        poses = [follower.add(frame.image) for frame in frames]
+        if step == 0:
+            _refuse_vague(poses[:rested])
+        correction = _rest_correction(poses[rested:], turned)
+        if step == REST_STEPS or np.all(np.abs(correction) < _REST_CONVERGED):
+            break
+        turned = turned + correction
+    return _planar(frames, poses, rested, camera, float(turned[0]))
+
+
+def _frames_at_rest(frames: Sequence[ImageFrame], contact_time_ns: int) -> int:
+    """Number of the first frames in which the object is at rest.
+
+    Without a known contact these are the frames before the grey values change by more than noise.
+
+    Raises:
+        TrackingError: there are fewer than three.
+    """
+    if contact_time_ns:
+        count = sum(frame.time_ns < contact_time_ns - _REST_BEFORE_CONTACT_NS for frame in frames)
+    else:
+        count = _frames_before_change(frames)
+    if count < _LEAST_REST:
+        raise TrackingError(
+            f"{count} images show the object at rest, {_LEAST_REST} are needed: start the recording earlier"
+        )
+    return count
+
+
+def _frames_before_change(frames: Sequence[ImageFrame]) -> int:
+    """Number of frames before the grey values change by more than noise, twice in a row."""
+    if len(frames) < 2 * _LEAST_REST:
+        return 0
+    small = np.array([frame.image[::4, ::4].astype(np.float32) for frame in frames])
+    first = small[:_LEAST_REST].mean(axis=0)
+    change = np.quantile(np.abs(small - first), 0.98, axis=(1, 2))
+    moving = change > _MOVED_NOISE * np.median(change[:_LEAST_REST])
+    both = moving[:-1] & moving[1:]
+    return max(int(np.argmax(both)) - 1, 0) if both.any() else len(frames)
+
+
+def _about_z(angle: float) -> Array:
+    cos, sin = math.cos(angle), math.sin(angle)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _rest_correction(poses: Sequence[PrintPose], turned: Array) -> Array:
+    """Change (3,) of the pose at rest by the frames in motion, about its present difference from the plan."""
+    seen = [pose for pose in poses if pose.explained > 0]
+    information = sum((pose.shared[0] for pose in seen), np.diag(REST_SD**-2.0))
+    gradient = sum((pose.shared[1] for pose in seen), -turned / REST_SD**2)
+    return np.asarray(np.linalg.solve(information, gradient), dtype=np.float64)
+
+
+def _refuse_blank(faces: int) -> None:
+    if faces == 0:
+        raise TrackingError(
+            "no face of the object is in view where the plan puts it: check its placement and the camera"
+        )
+
+
+def _refuse_vague(rest: Sequence[PrintPose]) -> None:
+    """Refuse a print that determines theta to less than `MAX_THETA_SD` in one image.
+
+    Raises:
+        TrackingError: the print is too poor.
+    """
+    sd = float(np.median([math.sqrt(pose.covariance[THETA, THETA]) for pose in rest]))
+    if sd > MAX_THETA_SD:
+        raise TrackingError(
+            f"the face in view has too little print: a frame shows the tip to {math.degrees(sd):.2f} deg,"
+            f" {math.degrees(MAX_THETA_SD):.1f} are needed: stick on any sticker with print, or a tag"
+        )
+
+
+def _planar(
+    frames: Sequence[ImageFrame], poses: Sequence[PrintPose], rested: int, camera: CameraModel, yaw: float
+) -> PlanarMotion:
+    """Motion of the frames in which the print was found, against that at rest."""
+    explained = np.array([pose.explained for pose in poses])
+    kept = explained >= _LEAST_EXPLAINED * float(np.median(explained[:rested]))
+    kept[:rested] = True
+    x = np.array([pose.x for pose in poses])[kept]
+    covariance = np.array([pose.covariance for pose in poses])[kept]
+    x = x - x[:rested].mean(axis=0)
+    single = np.sqrt(covariance[:, THETA, THETA])
+    # Noise that neighbouring pixels share: the scatter at rest knows it.
+    scatter = float(np.std(np.diff(x[:rested, THETA])) / math.sqrt(2.0)) if rested > 4 else np.inf
+    factor = min(1.0, max(scatter / float(np.median(single[:rested])), 0.3))
+    place = [THETA, X, Z]
+    off_axis = np.hypot(x[:, ROLL], x[:, YAW])
+    off_sd = np.sqrt(covariance[:, ROLL, ROLL] + covariance[:, YAW, YAW])
+    angle = TipAngle(
+        time_ns=np.array([frame.time_ns for frame in frames], dtype=np.int64)[kept],
+        theta=x[:, THETA],
+        sd=factor * single,
+        off_axis=off_axis,
+        slip=x[:, X],
+        zero_sd=math.hypot(0.5 * BIAS_SD, factor * float(np.median(single[:rested])) / math.sqrt(rested)),
+        slow_sd=BIAS_SD,
+        strain_sd=camera.strain_sd,
+    )
+    planar = covariance[:, place][:, :, place] * factor**2
+    position_sd = np.sqrt(0.5 * (covariance[:, X, X] + covariance[:, Z, Z]))
+    motion = PlanarMotion(angle, x[:, Z], position_sd, off_sd, 0.0, planar)
+    return replace(motion, yaw=yaw, roll=x[:, ROLL], roll_sd=np.sqrt(covariance[:, ROLL, ROLL]))
