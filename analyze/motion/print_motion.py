@@ -76,12 +76,12 @@ def print_motion(
     turned = np.zeros(3)
     poses: list[PrintPose] = []
     for step in range(REST_STEPS + 1):
-        R = _about_z(turned[0])
-        shift = np.array([turned[1], turned[2], 0.0])
-        pose = R @ placement.R_world_object, R @ (placement.p_world_object - pivot) + pivot + shift
-        template = print_template(rest, camera, *shape, pose)
+        # Where the object was put down otherwise, so was its edge: the camera is moved instead.
+        before = _moved_camera(camera, pivot, turned)
+        pose = placement.R_world_object, placement.p_world_object
+        template = print_template(rest, before, *shape, pose)
         _refuse_blank(template.faces)
-        follower = PrintFollower(template, camera, pivot + shift, placement.radius)
+        follower = PrintFollower(template, before, pivot, placement.radius)
         poses = [follower.add(frame.image) for frame in frames]
         if step == 0:
             _refuse_vague(poses[:rested])
@@ -123,9 +123,15 @@ def _frames_before_change(frames: Sequence[ImageFrame]) -> int:
     return max(int(np.argmax(both)) - 1, 0) if both.any() else len(frames)
 
 
-def _about_z(angle: float) -> Array:
-    cos, sin = math.cos(angle), math.sin(angle)
-    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+def _moved_camera(camera: CameraModel, pivot: Array, turned: Array) -> CameraModel:
+    """Camera as seen from an object that was turned about W's z at the pivot, and shifted along x and y."""
+    cos, sin = math.cos(turned[0]), math.sin(turned[0])
+    R = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    pose = np.eye(4)
+    pose[:3, :3] = R.T @ camera.T_world_camera[:3, :3]
+    shift = np.array([turned[1], turned[2], 0.0])
+    pose[:3, 3] = R.T @ (camera.T_world_camera[:3, 3] - pivot - shift) + pivot
+    return replace(camera, T_world_camera=pose)
 
 
 def _rest_correction(poses: Sequence[PrintPose], turned: Array) -> Array:

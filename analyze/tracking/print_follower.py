@@ -196,7 +196,8 @@ class PrintFollower:
         by[:, :, ROLL] = np.cross([1.0, 0.0, 0.0], rolled) @ yaw.T
         by[:, :, YAW] = np.cross([0.0, 0.0, 1.0], turned)
         by[:, :, 3:6] = np.eye(3)
-        by[:, :, 6:] = yaw @ roll @ tip @ self._by_rest
+        # The object turned and shifted at rest, with its edge, and the points on their lines of sight.
+        by[:, :, 6:] = _moved(turned) + yaw @ roll @ tip @ (self._by_rest - _moved(self._arms))
         normals = self._template.normals @ (yaw @ roll @ tip).T
         sight = self._camera.T_world_camera[:3, 3] - points
         facing = np.sum(normals * sight, axis=1) > 0.15 * np.linalg.norm(sight, axis=1)
@@ -237,8 +238,14 @@ def _by_rest_pose(template: PrintTemplate, camera: CameraModel, pivot: Array) ->
     A point stays on its line of sight; its depth follows the face. The turn is about the pivot point.
     """
     ray = template.points - camera.T_world_camera[:3, 3]
-    moved = np.zeros((len(ray), 3, 3))
-    moved[:, :, 0] = np.cross([0.0, 0.0, 1.0], template.points - pivot)
-    moved[:, 0, 1] = moved[:, 1, 2] = 1.0
+    moved = _moved(template.points - pivot)
     depth = np.einsum("ni,nij->nj", template.normals, moved) / np.sum(template.normals * ray, axis=1)[:, None]
     return ray[:, :, None] * depth[:, None, :]
+
+
+def _moved(arms: Array) -> Array:
+    """Derivative (m, 3, 3) of points with arms (m, 3) from the pivot by a turn about z, shifts along x and y."""
+    moved = np.zeros((len(arms), 3, 3))
+    moved[:, :, 0] = np.cross([0.0, 0.0, 1.0], arms)
+    moved[:, 0, 1] = moved[:, 1, 2] = 1.0
+    return moved
