@@ -84,9 +84,9 @@ class PredictionsResult(Document):
     """strikes that could not be predicted"""
     median: AssetErrors | None
     """medians over the strikes; null without a strike"""
-    tosses: list[PredictedTossResult] = []
+    tosses: list[PredictedTossResult] = Field(default_factory=list[PredictedTossResult])
     """predicted tosses, in recording order"""
-    skipped_tosses: list[SkippedTossResult] = []
+    skipped_tosses: list[SkippedTossResult] = Field(default_factory=list[SkippedTossResult])
     """tosses that could not be predicted"""
     toss_median: AssetErrors | None = None
     """medians over the tosses; null without a toss"""

@@ -71,15 +71,17 @@ def fitted_launch(track: TrackedAttitudes) -> Launch:
     time, R = track.time - track.time[middle], track.R_world_object
     turns = vector_from_matrix(np.swapaxes(R[:-1], 1, 2) @ R[1:]) / np.diff(time)[:, None]
     halfway = 0.5 * (time[1:] + time[:-1])
-    terms = np.linalg.lstsq(halfway[:, None] ** np.arange(SPIN_TERMS), turns, rcond=None)[0]
-    x = np.concatenate([np.zeros(3), terms.ravel()])
+    powers = halfway[:, None] ** np.arange(SPIN_TERMS, dtype=np.float64)
+    terms: Array = np.asarray(np.linalg.lstsq(powers, turns, rcond=None)[0], dtype=np.float64)
+    x: Array = np.concatenate([np.zeros(3), terms.ravel()])
     whiten = np.linalg.inv(np.linalg.cholesky(track.turn_covariance))
     for _ in range(_MAX_STEPS):
         paths = _attitudes(np.vstack([x, x + _DERIVATIVE_STEP * np.eye(len(x))]), time, R[middle])
         back = np.swapaxes(paths[0], 1, 2)
         off = np.einsum("nij,nj->ni", whiten, vector_from_matrix(R @ back))
         by = np.einsum("nij,knj->nik", whiten, vector_from_matrix(paths[1:] @ back)) / _DERIVATIVE_STEP
-        step = np.linalg.lstsq(by.reshape(-1, len(x)), off.ravel(), rcond=None)[0]
+        found = np.linalg.lstsq(by.reshape(-1, len(x)), off.ravel(), rcond=None)[0]
+        step: Array = np.asarray(found, dtype=np.float64)
         x = x + step
         if float(np.abs(step).max()) < _LEAST_STEP:
             break

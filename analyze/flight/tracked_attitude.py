@@ -1,4 +1,4 @@
-"""Attitude of a thrown body in each frame alone, by all tags in view: a track that no law of motion smooths."""
+"""Attitude of a thrown body in each frame alone, by all tags in view: no law of motion smooths it."""
 
 from __future__ import annotations
 
@@ -74,24 +74,24 @@ def tracked_attitudes(
         points = tags.corners[views.tag[mine]].reshape(-1, 3)
         seen = views.corners[mine].reshape(-1, 2)
         weight = np.repeat(1.0 / views.sd[mine], 8)
-        R, p = near.R_world_object[frame], near.position[frame]
+        turn, p = near.R_world_object[frame], near.position[frame]
         information = np.zeros((6, 6))
         for _ in range(_MAX_STEPS):
-            arms = points @ R.T
+            arms = points @ turn.T
             in_camera = (arms + p) @ R_camera_world.T + p_camera_world
             into = project_jacobian(camera, in_camera) @ R_camera_world
             by = np.concatenate([-into @ hat(arms), into], axis=2).reshape(-1, 6) * weight[:, None]
             off = weight * (seen - project_ideal(camera, in_camera)).ravel()
             information = by.T @ by
-            step = np.linalg.lstsq(by, off, rcond=None)[0]
-            R, p = matrix_from_vector(step[:3]) @ R, p + step[3:]
+            step: Array = np.asarray(np.linalg.lstsq(by, off, rcond=None)[0], dtype=np.float64)
+            turn, p = matrix_from_vector(step[:3]) @ turn, p + step[3:]
             if float(np.abs(step).max()) < _LEAST_STEP:
                 break
         else:
             continue
-        covariance = np.linalg.inv(information)[:3, :3]
+        covariance = np.asarray(np.linalg.inv(information)[:3, :3], dtype=np.float64)
         if np.sqrt(np.trace(covariance)) <= max_sd:
-            kept.append((float(views.seconds[frame]), R, p, covariance))
+            kept.append((float(views.seconds[frame]), turn, p, covariance))
     if not kept:
         return TrackedAttitudes(np.zeros(0), np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 3, 3)))
     time, R_all, p_all, covariances = (np.array(each) for each in zip(*kept, strict=True))

@@ -179,9 +179,7 @@ def predict_left_out(
         if not reasons:
             raise EstimationError("no strike or toss is usable: `analyze inspect` shows why, one by one")
         raise EstimationError(f"nothing can be predicted: {reasons[0][0]}: {reasons[0][1]}")
-    return Predictions(
-        evidence.spec.name, tuple(found), tuple(skipped), tuple(tosses), tuple(skipped_tosses)
-    )
+    return Predictions(evidence.spec.name, tuple(found), tuple(skipped), tuple(tosses), tuple(skipped_tosses))
 
 
 def predict_strike(evidence: Evidence, options: EstimateOptions, motion: TipMotion) -> PredictedStrike:

@@ -84,6 +84,7 @@ def test_a_left_out_strike_is_predicted_better_than_by_a_uniform_body(evidence, 
     assert strike.error(ESTIMATED).rms < math.radians(5)
     assert strike.error(ESTIMATED).rms < 0.2 * strike.error(UNIFORM).rms
     document = predictions_document(found)
+    assert document.median is not None
     assert document.median.estimated.rms_rad == pytest.approx(strike.error(ESTIMATED).rms, rel=1e-6)
     assert document.strikes[0].friction is None
     render_predictions(document, Terminal(width=100))
