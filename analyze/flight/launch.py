@@ -80,8 +80,8 @@ def fitted_launch(track: TrackedAttitudes) -> Launch:
         back = np.swapaxes(paths[0], 1, 2)
         off = np.einsum("nij,nj->ni", whiten, vector_from_matrix(R @ back))
         by = np.einsum("nij,knj->nik", whiten, vector_from_matrix(paths[1:] @ back)) / _DERIVATIVE_STEP
-        found = np.linalg.lstsq(by.reshape(-1, len(x)), off.ravel(), rcond=None)[0]
-        step: Array = np.asarray(found, dtype=np.float64)
+        flat = by.reshape(-1, by.shape[-1])
+        step: Array = np.asarray(np.linalg.lstsq(flat, off.ravel(), rcond=None)[0], dtype=np.float64)
         x = x + step
         if float(np.abs(step).max()) < _LEAST_STEP:
             break

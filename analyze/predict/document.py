@@ -27,8 +27,6 @@ from schemas.wording import counted
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rich.text import Text
-
     from analyze.predict.angle_error import AngleError
     from analyze.predict.predict import Predictions
 
@@ -115,24 +113,23 @@ def render_predictions(document: PredictionsResult, console: Terminal | None = N
     console = console or Terminal()
     if document.median is not None:
         count = counted(len(document.strikes), "strike")
-        console.print(_sentence(document.object, count, "tipping angle", document.median))
+        console.print(styled((document.object, "bold"), _sentence(count, "tipping angle", document.median)))
         console.print(_strike_table(document.strikes, document.median))
     for skipped in document.skipped:
         console.print(styled((skipped.strike_id, "yellow"), f": not predicted: {skipped.reason}"))
     if document.toss_median is not None:
         count = counted(len(document.tosses), "toss")
-        console.print(_sentence(document.object, count, "attitude", document.toss_median))
+        console.print(styled((document.object, "bold"), _sentence(count, "attitude", document.toss_median)))
         console.print(_toss_table(document.tosses, document.toss_median))
     for skipped in document.skipped_tosses:
         console.print(styled((skipped.toss_id, "yellow"), f": not predicted: {skipped.reason}"))
 
 
-def _sentence(name: str, count: str, angle: str, median: AssetErrors) -> Text:
-    return styled(
-        (name, "bold"),
+def _sentence(count: str, angle: str, median: AssetErrors) -> str:
+    return (
         f", {count}, each simulated without knowing it: the {angle} is off by"
         f" {_degrees(median.estimated.rms_rad)}° (median of the rms), with a uniform density by"
-        f" {_degrees(median.uniform.rms_rad)}°.",
+        f" {_degrees(median.uniform.rms_rad)}°."
     )
 
 

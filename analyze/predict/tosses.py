@@ -26,6 +26,7 @@ from analyze.predict.assets import ESTIMATED, UNIFORM, strike_assets
 from analyze.predict.thrown import ROOM_AIR, Throw, thrown_attitudes
 from analyze.tracking.camera_model import camera_from_spec
 from schemas.toss_result import TossVerdict
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from analyze.flight.toss import TossMotion
@@ -111,8 +112,8 @@ def predict_toss(
     count = int(np.searchsorted(track.time, START_S))
     if count < MIN_FRAMES or len(track) - count < _MIN_COMPARED:
         raise EstimationError(
-            f"the marker's attitude is sure in {count} frames of the first {START_S} s and in"
-            f" {len(track) - count} later ones, {MIN_FRAMES} and {_MIN_COMPARED} are needed: film at a higher"
+            f"its attitude is sure in {counted(count, 'frame')} of the first {START_S} s and in"
+            f" {len(track) - count} later on, {MIN_FRAMES} and {_MIN_COMPARED} are needed: film at a higher"
             " rate, nearer, or with more markers"
         )
     begin, rest = track.part(slice(count)), track.part(slice(count, None))
