@@ -105,7 +105,7 @@ def test_strikes_without_which_the_centre_of_mass_is_open_are_skipped(evidence):
 
 
 def test_a_left_out_toss_is_predicted_better_than_by_a_uniform_body(capsys):
-    whole = with_tosses()
+    whole = with_tosses(tosses=1)
     wanted = whole.tosses[0].toss_id
     found = predict_left_out(whole, EstimateOptions(), [wanted])
     (toss,) = found.tosses
