@@ -25,6 +25,8 @@ _FITTED_GUESSES = 2
 """number of the best guesses that are fitted"""
 _MAX_STEPS = 12
 """number of steps after which the fit to a guess ends"""
+_LEAST_GAIN = 1.0
+"""decrease of chi^2 in a step below which it ends as well"""
 _GOOD_PX = 0.5
 """rms residual of a fit to a guess [px] below which no further guess is fitted"""
 _CLIP_PX = 40.0
@@ -88,7 +90,8 @@ def first_fit(
     best = sorted(guesses, key=lambda each: each[0])[:_FITTED_GUESSES]
     fits: list[TossFit] = []
     for _, start in best:
-        fits.append(fit_tosses(body, prior, camera, tags, [(views, start)], max_steps=_MAX_STEPS))
+        toss = [(views, start)]
+        fits.append(fit_tosses(body, prior, camera, tags, toss, max_steps=_MAX_STEPS, least_gain=_LEAST_GAIN))
         if float(np.sqrt(np.mean(fits[-1].residual ** 2))) < _GOOD_PX:
             break
     return min(fits, key=lambda fit: fit.cost)

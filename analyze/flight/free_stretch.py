@@ -42,6 +42,8 @@ _MAX_CORE_PX, _MAX_GROWTH = 1.0, 1.6
 """largest rms residual of the first frames [px], and its largest growth by frames that are added"""
 _MAX_STEPS = 6
 """number of steps after which the fit to a flight that grows ends"""
+_LEAST_GAIN = 1.0
+"""decrease of chi^2 in a step below which it ends as well"""
 _MAX_PREDICTED_PX = 8.0
 """largest median distance of the corners in frames that are added from where the fit so far predicts them"""
 _GUARD_FRAMES = 1
@@ -137,7 +139,9 @@ def _extended(views: TossViews, fit: TossFit, fitted: int) -> TossFit | None:
     off = np.abs(predicted - views.corners.ravel()).reshape(-1, 8)[views.frame >= fitted]
     if not float(np.median(off)) < _MAX_PREDICTED_PX:
         return None
-    new = fit_tosses(model.body, fit.prior, model.camera, model.tags, model.tosses, shared, _MAX_STEPS)
+    new = fit_tosses(
+        model.body, fit.prior, model.camera, model.tags, model.tosses, shared, _MAX_STEPS, _LEAST_GAIN
+    )
     usual = max(_rms_px(fit), float(views.sd.mean()))
     return new if _ends_fit(views, new) and _rms_px(new) < _MAX_GROWTH * usual else None
 

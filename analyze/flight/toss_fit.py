@@ -45,6 +45,9 @@ SHAPE_SD = 1.5
 GRAVITY_TURN_SD = 0.02
 """1 sigma of the direction of gravity in W, about each horizontal axis [rad]: wide, as flights measure it"""
 
+LEAST_GAIN = 1e-3
+"""decrease of chi^2 in a step below which a fit ends: what is left is a small part of the unknowns' sd"""
+
 
 @dataclass(frozen=True)
 class FlightPrior:
@@ -113,6 +116,7 @@ def fit_tosses(
     tosses: Sequence[tuple[TossViews, TossStart]],
     shared: Array | None = None,
     max_steps: int = MAX_STEPS,
+    least_gain: float = LEAST_GAIN,
 ) -> TossFit:
     """Fit all unknowns of the body, its tags and its tosses to the tags' corners, with Huber's loss.
 
@@ -124,6 +128,7 @@ def fit_tosses(
         tosses: views of each toss, with a first guess of its start.
         shared: first guess of the unknowns (s,) that tosses share; None for the prior's mean.
         max_steps: number of steps after which the fit ends, converged or not.
+        least_gain: decrease of chi^2 in a step below which the fit ends.
     """
     model = FlightModel(body, camera, tags, tosses)
     mean, sd = prior.mean_and_sd(tags)
@@ -139,7 +144,8 @@ def fit_tosses(
             [by, np.eye(model.count)[: model.shared]]
         )
 
-    found = minimise(observed, np.concatenate([corner_sd, sd]), expected, start, scale, TAG_SIZE, max_steps)
+    stated = np.concatenate([corner_sd, sd])
+    found = minimise(observed, stated, expected, start, scale, TAG_SIZE, max_steps, least_gain)
     return _result(model, prior, found, corner_sd, sd)
 
 

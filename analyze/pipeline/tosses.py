@@ -80,7 +80,7 @@ def read_toss(
     """
     ids = record.toss_id, record.plan_toss_id
     camera = camera_from_spec(recording.manifest.cameras[0].calibration)
-    follower = MarkerFollower(camera, markers, rescan_every=RESCAN_FRAMES)
+    follower = MarkerFollower(camera, markers, rescan_every=RESCAN_FRAMES, rigid=True)
     try:
         for frame in recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns):
             follower.add(frame)
