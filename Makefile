@@ -230,6 +230,8 @@ bench-tosses: setup  ## nine tips and three tosses through images, five objects 
 
 bench-toss-time: setup  ## CPU time per frame of nine strikes with and without three tosses (two minutes)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.toss_time
+
+THROWN ?=
 bench-thrown: setup  ## left-out tosses thrown in MuJoCo, beside uniform and shell bodies, five objects x 2 seeds (THROWN="--seeds 1") (fifteen minutes)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.thrown $(THROWN)
 
