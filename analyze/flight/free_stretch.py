@@ -123,7 +123,7 @@ def grown_flight(
         begin, end, found = _grown(views, begin, end, found, most, later=later)
     part = views.part(begin + _GUARD_FRAMES, end - _GUARD_FRAMES)
     seconds = float(views.seconds[begin + _GUARD_FRAMES] - views.seconds[begin])
-    again = [(part, _moved_in_time(found, seconds))]
+    again = [(part, moved_in_time(found, seconds))]
     return part, fit_tosses(body, prior, camera, tags, again, found.x[: found.model.shared])
 
 
@@ -177,7 +177,7 @@ def _grown(
             break
         part = views.part(first, stop)
         added = part.frame >= end - begin if later else part.frame < begin - first
-        fit = _extended(part, _moved_in_time(found, float(time[first] - time[begin])), found, added)
+        fit = _extended(part, moved_in_time(found, float(time[first] - time[begin])), found, added)
         if fit is not None:
             begin, end, found = first, stop, fit
             more = more if failed else min(2 * more, most)
@@ -186,7 +186,7 @@ def _grown(
     return begin, end, found
 
 
-def _moved_in_time(fit: TossFit, seconds: float) -> TossStart:
+def moved_in_time(fit: TossFit, seconds: float) -> TossStart:
     """Motion of a fitted toss by some seconds after or before its first frame, without the air.
 
     Over a few frames; the middle between two rates takes Euler's equations to second order.
