@@ -182,7 +182,12 @@ def session(
 @click.option(
     "-o", "--output", required=True, type=click.Path(path_type=Path), help="The recording to write (.mcap)."
 )
-@click.option("--strikes", default=9, type=click.IntRange(3), help="Number of strikes to plan.")
+@click.option(
+    "--strikes",
+    default=9,
+    type=click.IntRange(0),
+    help="Number of strikes to plan; with --tosses one or two are enough, and 0 is for tosses alone.",
+)
 @click.option(
     "--axes", type=click.IntRange(1), help="Largest number of pivot axes.  [default: as many as pay]"
 )

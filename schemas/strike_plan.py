@@ -316,7 +316,8 @@ class StrikePlan(SparseDocument):
     object_name: str
     object_sha256: str
     """identity of the object that the plan was made for"""
-    strikes: list[PlannedStrike] = Field(min_length=1)
+    strikes: list[PlannedStrike]
+    """strikes; empty only where the object is to be tossed alone"""
     tosses: list[PlannedToss] = Field(default=[])
     """tosses by hand, after the strikes; not written if there are none"""
     predicted_com_covariance_m2: Matrix3 | None = None
@@ -331,6 +332,8 @@ class StrikePlan(SparseDocument):
 
     @model_validator(mode="after")
     def _unique(self) -> StrikePlan:
+        if not self.strikes and not self.tosses:
+            raise ValueError("holds neither strikes nor tosses")
         ids = [strike.id for strike in self.strikes]
         twice = sorted({i for i in ids if ids.count(i) > 1})
         if twice:

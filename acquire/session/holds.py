@@ -35,7 +35,8 @@ def wait_while_held(
     if not hold.get("held"):
         return False
     text = f"paused: {hold['text']}"
-    strike_id, attempt = machine.strike.id, machine.attempt
+    strike_id = machine.strike.id if machine.plan.strikes else ""
+    attempt = machine.attempt
     call("recording.state", state=machine.state, strike_id=strike_id, attempt=attempt, text=text)
     status.pause(hold["text"])
     report(text)

@@ -77,7 +77,7 @@ class SessionMachine:
     `handle` takes an event and returns the next actions. Executing the last of them yields the next event.
 
     Args:
-        plan: strikes to carry out.
+        plan: strikes to carry out; none where only tosses follow.
         target: precision at which the session stops itself; None to make every planned strike.
         earlier: strikes made before, in earlier recordings of the plan.
 
@@ -93,7 +93,7 @@ class SessionMachine:
         self.state = State.IDLE
         self.order = None if target is None else AdaptiveOrder(plan, replace(target, earlier=earlier.paths))
         self._done = earlier.good
-        if target is None and all(each.id in self._done for each in plan.strikes):
+        if plan.strikes and target is None and all(each.id in self._done for each in plan.strikes):
             raise SessionError(
                 f"{', '.join(earlier.paths)}: every planned strike was made: estimate it, or give --until to "
                 "go on"
@@ -110,7 +110,7 @@ class SessionMachine:
         """ratio by which the operator raised the next tip speed, by planned strike"""
         self._struck: Struck | None = None
         self._recorded: Recorded | None = None
-        self._attempt = 1 + self._attempts[self.strike.id]
+        self._attempt = 1 + (self._attempts[self.strike.id] if plan.strikes else 0)
         self._last_judged = (self._index, self._attempt)
         """index and attempt of the strike judged last"""
 

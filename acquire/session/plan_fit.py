@@ -82,8 +82,11 @@ def _reach_problem(plan: StrikePlan, limits: RigLimits) -> str:
 def camera_pose_problem(plan: StrikePlan, limits: RigLimits) -> str:
     """Text with distance and rotation between the rig's camera pose and the plan's; "" if small.
 
-    The limits are MAX_CAMERA_SHIFT_M and MAX_CAMERA_TURN_RAD. The plan's pose is that of its first strike.
+    The limits are MAX_CAMERA_SHIFT_M and MAX_CAMERA_TURN_RAD. The plan's pose is that of its first strike; a
+    plan of tosses alone has none.
     """
+    if not plan.strikes:
+        return ""
     planned, here = _station_camera_pose(plan.strikes[0]), limits.T_world_camera
     moved = math.dist([row[3] for row in planned[:3]], [row[3] for row in here[:3]])
     trace = sum(planned[i][j] * here[i][j] for i in range(3) for j in range(3))

@@ -93,8 +93,8 @@ def agreement(
     )
     covariance = np.diag(variance) + shared @ shared.T + by_com @ by_com.T
     others = sorted(set(recorded_in))[1:]
-    mine = np.array([[number == other for other in others] for number in recorded_in], dtype=np.float64)
-    shifts = np.einsum("so,sc->soc", mine, by_com).reshape(len(planes), -1)
+    mine = np.equal(np.array(recorded_in, dtype=np.int64)[:, None], others).astype(np.float64)
+    shifts = np.einsum("so,sc->soc", mine, by_com).reshape(len(planes), 3 * len(others))
     weighted = np.linalg.solve(covariance, np.column_stack([shifts, residual]))
     information = np.eye(shifts.shape[1]) + shifts.T @ weighted[:, :-1]
     score = shifts.T @ weighted[:, -1]

@@ -117,7 +117,7 @@ def solve_joint(
     """
     factors = ErrorFactors()
     found = _solve(planes, systematic, prior, moments, None if initial is None else (initial.x, None))
-    for _ in range(MAX_REESTIMATES):
+    for _ in range(MAX_REESTIMATES if planes else 0):
         before, factors = factors, _factors(found, systematic, factors, prior, moments)
         if factors.similar(before):
             break
@@ -192,7 +192,8 @@ def _solve(
         precision = prior_information(diagonal, shape, x)
         freedom = float(data.parts.sum()) - _effective_parameters(precision, rows, weight)
         each = np.abs(np.concatenate([z[:, 0], z[data.uses_k > 0, 1]]))
-        scatter = max(1.0, 1.4826 * float(np.median(each)) * np.sqrt(len(each) / max(freedom, 1.0)))
+        usual = float(np.median(each)) if len(each) else 0.0
+        scatter = max(1.0, 1.4826 * usual * np.sqrt(len(each) / max(freedom, 1.0)))
         # A strike's errors of phi and ln k as one.
         error = np.sqrt(np.sum(z**2, axis=1)) * np.where(data.uses_k > 0, TWO_ERRORS_AS_ONE, 1.0)
         weight = np.minimum(1.0, (OUTLIER_SIGMAS * scatter / np.maximum(error, 1e-9)) ** 2)

@@ -106,13 +106,13 @@ class JointModel:
                 angles[key] = self._first[plane.axis_id] + ANGLE if first_seen else further
                 further += not first_seen
         rested = further + 3 * any(plane.phi_by_turn is not None for plane in planes)
-        self.count = rested + max(0 if p.phi_by_rest is None else len(p.phi_by_rest) for p in planes)
-        n = len(planes)
-        self._point = np.array([plane.point for plane in planes])
-        self._along = np.array([plane.direction for plane in planes])
-        self._up = np.array([plane.up for plane in planes])
+        n, by_rest = len(planes), [len(p.phi_by_rest) for p in planes if p.phi_by_rest is not None]
+        self.count = rested + max(by_rest, default=0)
+        self._point = np.array([plane.point for plane in planes]).reshape(n, 3)
+        self._along = np.array([plane.direction for plane in planes]).reshape(n, 3)
+        self._up = np.array([plane.up for plane in planes]).reshape(n, 3)
         self._forward = np.cross(self._along, self._up)
-        base_up = np.array([plane.base_up for plane in planes])
+        base_up = np.array([plane.base_up for plane in planes]).reshape(n, 3)
         base_forward = np.cross(self._along, base_up)
         self._phi = np.array([plane.phi for plane in planes])
         self._radius = np.array([plane.edge_radius for plane in planes])

@@ -44,7 +44,13 @@ from analyze.pipeline.frame_rate import (
 from analyze.pipeline.loose_contents import LooseContents, loose_contents
 from analyze.pipeline.prediction import StrikePrediction, predict_strikes
 from analyze.pipeline.shells import region_masses
-from analyze.pipeline.solved import EstimateOptions, recorded_in, solve_strikes
+from analyze.pipeline.solved import (
+    MIN_STRIKES,
+    EstimateOptions,
+    SolvedStrikes,
+    recorded_in,
+    solve_strikes,
+)
 from analyze.pipeline.surface_error import SurfaceError
 from analyze.pipeline.tosses import FlightAnswer
 from analyze.pipeline.what_ifs import estimate_alternatives
@@ -68,8 +74,8 @@ class Agreements:
 
     recordings: Agreement
     """agreement of the recordings' centres of mass with each other"""
-    centres: CentreDifference
-    """difference between the paper's centre of mass and ours"""
+    centres: CentreDifference | None
+    """difference between the paper's centre of mass and ours; None without the paper's"""
     estimators: tuple[EstimatorDisagreement, ...]
     """one entry per pair of estimators that disagree on a strike; empty if none do"""
 
@@ -106,9 +112,9 @@ class Estimate:
     """masses of labelled parts; None where the object file labels none"""
     filling: FillLevel | None
     """level and mass of a filling; None where the object file names none"""
-    paper: PaperEstimate
+    paper: PaperEstimate | None
     """centre of mass (of the same body as `inertial`'s) and masses of shell and interior parts by the paper's
-    method (VISAPP 2013)"""
+    method (VISAPP 2013); None with fewer strikes than it needs"""
     checks: Checks
     """checks of the joint estimate: predictions, gravity, possible moments, place of the centre of mass"""
     predictions: tuple[StrikePrediction, ...]
@@ -182,7 +188,8 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         options give the same estimate.
 
     Raises:
-        EstimationError: fewer than three strikes can be used, or parts or filling cannot be estimated.
+        EstimationError: fewer than three strikes can be used and no toss is good, or parts or filling cannot
+            be estimated.
         ShapeError: a label of the object file names a part that the shape does not have.
     """
     options = options or EstimateOptions()
@@ -190,7 +197,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
     evidence, used, inertial, checks = solved.evidence, solved.used, solved.inertial, solved.checks
     spec, model, cells, solution = evidence.spec, evidence.model, solved.cells, solved.solution
     priors = (solved.systematic, solved.prior, solved.moments)
-    paper, struck_paper_planes = paper_estimate(evidence, used, solved.struck_cells, solved.scale)
+    paper, centres = _by_paper(solved)
     return Estimate(
         evidence=evidence,
         options=options,
@@ -205,14 +212,14 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         filling=estimate_filling(
             evidence, cells, measured_moments(inertial), np.random.default_rng(options.seed)
         ),
-        paper=paper_alone(paper, solved.struck, solved.bare, model),
+        paper=paper,
         checks=checks,
         predictions=predict_strikes(evidence, checks.left_out),
         agreements=Agreements(
             agreement(
                 solved.planes, recorded_in(evidence, used), solved.struck.com, solved.systematic, solved.prior
             ),
-            centre_difference(paper.com, struck_paper_planes, solved.struck.com, solved.prior),
+            centres,
             estimator_disagreements(used),
         ),
         frame_rates=solved.rates,
@@ -239,6 +246,15 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         contents=loose_contents(solved, options),
         flight=solved.flight,
     )
+
+
+def _by_paper(solved: SolvedStrikes) -> tuple[PaperEstimate | None, CentreDifference | None]:
+    """The paper's estimate for the object alone, and its distance from ours; None with too few strikes."""
+    if len(solved.used) < MIN_STRIKES:
+        return None, None
+    paper, planes = paper_estimate(solved.evidence, solved.used, solved.struck_cells, solved.scale)
+    alone = paper_alone(paper, solved.struck, solved.bare, solved.evidence.model)
+    return alone, centre_difference(paper.com, planes, solved.struck.com, solved.prior)
 
 
 def _labelled_parts(

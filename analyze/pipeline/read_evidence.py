@@ -273,6 +273,8 @@ def _refuse_other_shape(object_path: Path, model: ObjectModel, recording: Strike
     """
     tolerance = MAX_EDGE_SHIFT * float(model.extent.max())
     strikes = recording.plan.strikes
+    if not strikes:
+        return
     off = np.abs(
         model.depth(np.array([strike.pivot.point for strike in strikes]))
         - [strike.pivot.radius_m for strike in strikes]

@@ -26,7 +26,7 @@ from analyze.pipeline.frame_rate import FrameRate, check_frame_rates, drop_untim
 from analyze.pipeline.object_markers import placed_markers
 from analyze.pipeline.rim_heading import with_heading_errors
 from analyze.pipeline.surface_error import SurfaceError, with_surface_error
-from analyze.pipeline.too_few import too_few_text
+from analyze.pipeline.too_few import contradiction_text, too_few_text
 from analyze.pipeline.tosses import FlightAnswer, answer_of_flights, disagreement
 from analyze.types import EquiPlane, TipMotion
 from schemas.strike_result import USABLE_VERDICTS
@@ -42,7 +42,7 @@ CELLS = 4000
 PRIOR_WIDENING = 10.0
 """factor on the shape's prior of the moments where strikes are compared with tosses"""
 MIN_STRIKES = 3
-"""fewest usable strikes for an estimate"""
+"""fewest usable strikes for an estimate without tosses"""
 
 
 @dataclass(frozen=True)
@@ -113,9 +113,11 @@ def solve_strikes(evidence: Evidence, options: EstimateOptions) -> SolvedStrikes
         options: choices of the user.
 
     Raises:
-        EstimationError: fewer than three strikes can be used.
+        EstimationError: fewer than three strikes can be used, and no toss is good or these contradict it.
     """
-    used, prior = _used_motions(evidence, options), ComPrior.from_bounds(*evidence.model.bounds)
+    flight = answer_of_flights(evidence, placed_markers(evidence.spec), options.exclude)
+    used = _used_motions(evidence, options, 0 if flight is not None else MIN_STRIKES)
+    prior = ComPrior.from_bounds(*evidence.model.bounds)
     evidence, surface_error = with_surface_error(evidence, used, prior, options.estimator)
     spec, model, systematic = evidence.spec, evidence.model, systematic_errors(evidence)
     stated_planes, radius_check = without_refuted_radii(
@@ -133,20 +135,10 @@ def solve_strikes(evidence: Evidence, options: EstimateOptions) -> SolvedStrikes
     planes, scale = drop_untimed_k(evidence, stated_planes, scale, rates)
     moments = replace(moments, scale=scale)
     solution = solve_joint(planes, systematic, prior, moments)
-    flight = answer_of_flights(evidence, placed_markers(spec), options.exclude)
     if flight is not None:
-        alone = inertial_parameters_from_joint(solution, prior, scale)
-        # What the strikes measured, not what the shape suggests: a lump far from the middle refutes that.
-        wide = replace(moments, prior=widened(moments.prior, PRIOR_WIDENING))
-        measured = solve_joint(planes, systematic, prior, wide, solution)
-        tossed = replace(wide, prior=with_flight(wide.prior, flight.estimate))
-        both = solve_joint(planes, systematic, prior, tossed, solution)
-        flight = replace(
-            flight,
-            disagreement=disagreement(flight.estimate, measured, both),
-            sd_without=alone.inertia_sd,
-            measured_without=alone.measured,
-        )
+        flight = _compared(flight, planes, systematic, prior, moments, solution)
+        if not flight.agrees and len(used) < MIN_STRIKES:
+            raise EstimationError(contradiction_text(flight.disagreement, len(used)))
         if flight.agrees:
             moments = replace(moments, prior=with_flight(moments.prior, flight.estimate))
             solution = solve_joint(planes, systematic, prior, moments, solution)
@@ -180,6 +172,36 @@ def solve_strikes(evidence: Evidence, options: EstimateOptions) -> SolvedStrikes
     )
 
 
+def _compared(
+    flight: FlightAnswer,
+    planes: Sequence[EquiPlane],
+    systematic: SystematicErrors,
+    prior: ComPrior,
+    moments: MomentModel,
+    alone: JointSolution,
+) -> FlightAnswer:
+    """Answer of the tosses with its disagreement with the strikes' own, and with what those determine.
+
+    Args:
+        flight: answer of the tosses.
+        planes: equi-planes of the strikes; without any the tosses are not compared.
+        systematic: errors that strikes share.
+        prior: prior of the centre of mass.
+        moments: mass, gravity, and the shape's prior of the moments.
+        alone: solution of the strikes without the tosses.
+    """
+    by_strikes = inertial_parameters_from_joint(alone, prior, moments.scale)
+    flight = replace(flight, sd_without=by_strikes.inertia_sd, measured_without=by_strikes.measured)
+    if not planes:
+        return flight
+    # What the strikes measured, not what the shape suggests: a lump far from the middle refutes that.
+    wide = replace(moments, prior=widened(moments.prior, PRIOR_WIDENING))
+    measured = solve_joint(planes, systematic, prior, wide, alone)
+    tossed = replace(wide, prior=with_flight(wide.prior, flight.estimate))
+    both = solve_joint(planes, systematic, prior, tossed, alone)
+    return replace(flight, disagreement=disagreement(flight.estimate, measured, both))
+
+
 def recorded_in(evidence: Evidence, motions: Sequence[TipMotion]) -> list[int]:
     """Number of the recording that holds each motion's strike."""
     return [evidence.recorded_in.get(motion.strike_id, 0) for motion in motions]
@@ -191,7 +213,7 @@ def body_cells(spec: ObjectSpec, model: ObjectModel) -> Cells:
     return cells_from_voxels(voxelise(model, pitch, shell_thickness(spec, model)))
 
 
-def _used_motions(evidence: Evidence, options: EstimateOptions) -> list[TipMotion]:
+def _used_motions(evidence: Evidence, options: EstimateOptions, needed: int) -> list[TipMotion]:
     """Motions to estimate from: fitted, tipped over or rocked back, and not excluded by the user.
 
     They are in recording order.
@@ -199,16 +221,17 @@ def _used_motions(evidence: Evidence, options: EstimateOptions) -> list[TipMotio
     Args:
         evidence: motions of all strikes.
         options: choices of the user, of which the strikes to exclude are used.
+        needed: least number of motions.
 
     Raises:
-        EstimationError: there are fewer than three.
+        EstimationError: there are fewer than `needed`.
     """
     usable = usable_motions(evidence)
     used = [motion for motion in usable if motion.strike_id not in options.exclude]
-    if len(used) < MIN_STRIKES:
+    if len(used) < needed:
         ids = [motion.strike_id for motion in usable]
         raise EstimationError(
-            too_few_text(MIN_STRIKES, evidence.motions, ids, options.exclude, evidence.plan)
+            too_few_text(needed, evidence.motions, ids, options.exclude, evidence.plan, evidence.tosses)
         )
     return used
 

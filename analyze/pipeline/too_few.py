@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
+from analyze.flight.toss import TossMotion
 from analyze.motion.verdict import ROLLED_REMEDY
 from analyze.reading.planned_strikes import planned_strikes
 from analyze.types import TipMotion
@@ -21,6 +22,7 @@ def too_few_text(
     usable: Collection[str],
     excluded: Collection[str],
     plan: StrikePlan,
+    tosses: Sequence[TossMotion] = (),
 ) -> str:
     """Message of one line that too few strikes can be used: their number, the reasons and the remedy.
 
@@ -30,7 +32,11 @@ def too_few_text(
         usable: ids of strikes that were fitted and tipped over or rocked back, excluded or not.
         excluded: ids left out on request, whatever their verdict.
         plan: the plan, to name the strikes that were never made.
+        tosses: all tosses of the recordings, of which none can be used.
     """
+    if not motions and tosses:
+        bad = ", ".join(f"{toss.toss_id} {toss.verdict.value.replace('_', ' ')}" for toss in tosses)
+        return f"no good toss of {len(tosses)} ({bad}), and no strike: {tosses[0].reason}"
     left_out = [motion for motion in motions if motion.strike_id in excluded]
     bad = [motion for motion in motions if motion.strike_id not in usable and motion not in left_out]
     reasons: list[str] = []
@@ -57,3 +63,16 @@ def too_few_text(
     )
     why = f" ({'; '.join(reasons)})" if reasons else ""
     return f"{counted(left, 'good strike')} of {len(motions)}, {needed} are needed{why}: {remedy}"
+
+
+def contradiction_text(disagreement: float | None, strikes: int) -> str:
+    """Message of one line that tosses contradict strikes too few to stand alone, with remedy.
+
+    Args:
+        disagreement: chi^2 of the eight numbers that tosses determine.
+        strikes: number of strikes used, one or two.
+    """
+    return (
+        f"the tosses contradict the {counted(strikes, 'strike')} (chi squared {disagreement or 0.0:.0f} of"
+        " 8): exclude the strike that rolled, slipped or was put down otherwise (--exclude), or make three"
+    )

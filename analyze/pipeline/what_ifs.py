@@ -30,7 +30,8 @@ def estimate_alternatives(
 
     The robustness table of the report lists them: per what-if that applies the change of the centre of mass
     [m] in the object frame O, relative changes of the principal moments, and whether the estimate holds. Of
-    the strikes left out in turn only the worst is kept. Empty if the centre of mass is not observed.
+    the strikes left out in turn only the worst is kept. Empty if the centre of mass is not observed, and
+    without strikes.
 
     Args:
         evidence: recordings, object and plan.
@@ -42,6 +43,8 @@ def estimate_alternatives(
         struck: mass, centre of mass and inertia of the body that tipped, markers included, as stated from
             `solution`.
     """
+    if not planes:
+        return ()
     return alternatives(planes, *priors, solution, struck, _by_other_estimators(evidence, motions, planes))
 
 

@@ -32,7 +32,7 @@ ABSOLUTE_MAX_AXES = 10
 USUAL_STRIKES = 9
 """Number of strikes for which the error of c that axes allow is judged."""
 MIN_STRIKES = 3
-"""Smallest number of strikes that determine c if none was made before."""
+"""Smallest number of strikes that determine c if none was made before, and nothing is tossed."""
 POOL_SIZE = 24
 """Number of axes of which all triples are tried; the others enter by exchange."""
 STARTS = 3

@@ -14,13 +14,15 @@ from analyze.planning import design, forecast, impact
 from analyze.planning.card import TURNED_CARD, placement_card
 from analyze.planning.contents import contents_test, with_contents_test
 from analyze.planning.examine import TURNED, UsableAxis
-from analyze.planning.fillings import Pieces, region_forecast
+from analyze.planning.fillings import Pieces
 from analyze.planning.footing import unsure_note
 from analyze.planning.information import Information
 from analyze.planning.next_edge import close_lines_note, doubtful_note, taken_over_note
 from analyze.planning.pivots import PivotAxis
+from analyze.planning.predicted_accuracy import predicted_accuracy
 from analyze.planning.prepared import PreparedObject
 from analyze.planning.refusal import refusal_message
+from analyze.planning.scale_design import choose_scale_design
 from analyze.planning.turned_strike import (
     TurnableAxis,
     best_turnable,
@@ -32,10 +34,6 @@ from schemas.strike_plan import (
     Pivot,
     PlanHypothesis,
     PlannedStrike,
-    PredictedMoment,
-    PredictedRegion,
-    Prediction,
-    PredictionStep,
     Range,
     StrikePlan,
     StrikerPrior,
@@ -62,6 +60,8 @@ class PlanRequest:
     """Largest number of different axes, each a placement by hand; None for as many as pay."""
     contents: bool = False
     """True to strike one edge at three energies and on two faces, to test whether something moves inside."""
+    tossed: bool = False
+    """True if tosses follow, beside which one or two strikes are enough, for the size of the moments."""
 
 
 def plan_strikes(
@@ -85,9 +85,9 @@ def plan_strikes(
         says that the target is missed.
 
     Raises:
-        PlanError: fewer than 3 strikes are requested and none was made before; no usable set of axes
-            determines the centre of mass; or a turned strike is requested and no axis allows one. The message
-            has the remedy.
+        PlanError: fewer than 3 strikes are requested, none was made before and no toss follows; no usable
+            set of axes determines the centre of mass; or a turned strike is requested and no axis allows one.
+            The message has the remedy.
     """
     spec, so_far = prepared.spec, prepared.information
     turnables: list[TurnableAxis] = []
@@ -97,13 +97,13 @@ def plan_strikes(
         )
         prepared = replace(prepared, information=with_tilt_measured(prepared.information, turnables[0]))
     information = prepared.information
-    if request.strikes < design.MIN_STRIKES and not prepared.made:
+    few = request.strikes < design.MIN_STRIKES and not prepared.made
+    if few and not request.tossed:
         raise PlanError(
             f"{spec.name}: {counted(request.strikes, 'strike')} cannot determine the centre of mass: ask for "
-            f"{design.MIN_STRIKES} or more"
+            f"{design.MIN_STRIKES} or more, or for tosses too (--tosses 3)"
         )
-    chosen, missed = _chosen(prepared, request, so_far)
-    members = [information.candidates[i] for i in chosen.chosen]
+    chosen, missed = _for_scale(prepared, request) if few else _chosen(prepared, request, so_far)
     usable = [prepared.usable[i] for i in chosen.chosen]
     predicted = {each.axis_id: each for each in forecast.axis_forecasts(information, chosen)}
     order = sorted(
@@ -121,46 +121,15 @@ def plan_strikes(
         planned = with_contents_test(planned, tested, prepared, partial(_alone, prepared, chosen))
     if turnables:
         planned += _turned_strikes(turnables, prepared, chosen, len(planned))
-    advice = forecast.advice(information, chosen, prepared.made, prepared.model.primitive is not None, so_far)
-    reached = ""
-    if (
-        prepared.made
-        and request.target_com is not None
-        and forecast.error_so_far(so_far) <= request.target_com
-    ):
-        reached = f"{1000 * request.target_com:g} mm is reached already: stop. "
-    inertia_sd, determined = forecast.inertia_forecast(information, chosen)
-    regions: list[PredictedRegion] = []
-    if cells is not None:
-        struck = [*members, *information.belief.struck]
-        regions = region_forecast(
-            cells, spec.mass_kg, chosen.covariance, [each.axis.direction for each in struck]
-        )
-    moments = [
-        PredictedMoment(axis_id=each.axis_id, i_com_sd_kg_m2=each.i_com, determined=each.i_com_determined)
-        for each in predicted.values()
-    ]
-    prediction = Prediction(
-        com_sd_m=np.sqrt(np.diag(chosen.com_covariance)).tolist(),
-        com_rms_m=chosen.com_rms,
-        target_com_m=request.target_com,
-        target_reached=None if request.target_com is None else not missed,
-        moments=moments,
-        inertia_sd_kg_m2=inertia_sd.tolist(),
-        inertia_determined=determined.tolist(),
-        regions=regions,
-        error_sources_m=advice.sources,
-        curve=[PredictionStep(strikes=many, com_rms_m=rms) for many, rms in advice.curve],
-        floor_m=advice.floor,
-        stop=advice.stop or bool(reached),
-        advice=missed or reached + advice.text,
+    prediction = (
+        None if few else predicted_accuracy(prepared, request.target_com, chosen, missed, so_far, cells)
     )
     return StrikePlan(
         object_name=spec.name,
         object_sha256=object_sha256,
         strikes=planned,
-        predicted_com_covariance_m2=chosen.com_covariance.tolist(),
-        predicted_com_sd_m=chosen.com_rms,
+        predicted_com_covariance_m2=None if few else chosen.com_covariance.tolist(),
+        predicted_com_sd_m=None if few else chosen.com_rms,
         prediction=prediction,
         hypothesis=plan_hypothesis(prepared),
         rejected=list(prepared.rejected),
@@ -230,6 +199,18 @@ def _chosen(prepared: PreparedObject, request: PlanRequest, so_far: Information)
         f"{1000 * best.com_rms:.3g} mm; these {sum(plain.repeats)}: {advice.text}"
     )
     return plain, text
+
+
+def _for_scale(prepared: PreparedObject, request: PlanRequest) -> tuple[design.Design, str]:
+    """Design of one or two strikes that measure the size of a tossed object's moments; no message.
+
+    Raises:
+        PlanError: no axis can be used.
+    """
+    found = choose_scale_design(prepared.information, request.strikes)
+    if found is None:
+        raise PlanError(refusal_message(prepared))
+    return found, ""
 
 
 def _strike(

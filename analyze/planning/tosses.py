@@ -19,7 +19,6 @@ from analyze.errors import PlanError
 from analyze.geometry.rotations import apply, inverse_transform
 from analyze.planning.examine import Bench
 from analyze.planning.hypothesis import Hypothesis
-from analyze.planning.prepared import PreparedObject
 from analyze.planning.toss_card import toss_card
 from analyze.planning.toss_hold import Hold, best_hold
 from analyze.tracking.camera_model import project
@@ -37,6 +36,8 @@ LEAST_TAG_PX = 24.0
 """smallest mean edge of a tag in flight in the image [px], below which it is lost in some frames"""
 MARGIN_M = 0.03
 """distance of the flight from the image's upper and lower end [m]: a hand does not throw more exactly"""
+LEAST_SEEN = 0.9
+"""least share of a turn in which the camera must see a tag: on a curved side tags lean away from the axes"""
 BORDER_PX = 5.0
 """border of the image that counts as outside [px]"""
 NEAR_PRINCIPAL_RAD = np.radians(5.0)
@@ -62,7 +63,9 @@ class FlightPlace:
     """mean edge of the smallest tag there, if it faces the camera [px]"""
 
 
-def with_tosses(plan: StrikePlan, prepared: PreparedObject, count: int) -> StrikePlan:
+def with_tosses(
+    plan: StrikePlan, spec: ObjectSpec, believed: Hypothesis, bench: Bench, count: int
+) -> StrikePlan:
     """Plan with `count` tosses added after its strikes, and `toss_notes` to its warnings; itself for none.
 
     Raises:
@@ -70,7 +73,7 @@ def with_tosses(plan: StrikePlan, prepared: PreparedObject, count: int) -> Strik
     """
     if count == 0:
         return plan
-    tosses = plan_tosses(prepared.spec, prepared.believed, prepared.bench, count)
+    tosses = plan_tosses(spec, believed, bench, count)
     warnings = [*plan.warnings, *toss_notes(tosses)]
     return plan.model_copy(
         update={"tosses": tosses, "schema_version": TOSS_PLAN_VERSION, "warnings": warnings}
@@ -115,7 +118,7 @@ def plan_tosses(spec: ObjectSpec, believed: Hypothesis, bench: Bench, count: int
     axes = spin_axes(believed.unit_inertia, count)
     for number, axis in enumerate(axes, 1):
         hold = best_hold(spec, axis)
-        if hold.seen < 1.0:
+        if hold.seen < LEAST_SEEN:
             raise PlanError(_unseen(spec, hold))
         found.append(
             PlannedToss(

@@ -107,7 +107,7 @@ def projection_figures(estimate: Estimate, com_true: Array | None = None) -> lis
     # The close-up shows the ellipse, the ground truth, and the planes that pass nearby.
     widest = 3 * float(np.sqrt(np.diag(covariance)).max())
     off = 0.0 if com_true is None else 1.5 * float(np.abs(com_true - com).max())
-    near = 1.3 * float(np.abs(estimate.com.residuals).max())
+    near = 1.3 * float(np.abs(estimate.com.residuals).max(initial=0.0))
     reach = min(max(widest, off, near, 5e-4), 0.5 * float(extent.max()))
     return [_projection(estimate, com_true, reach, view, name) for *view, name in VIEWS]
 
@@ -132,10 +132,11 @@ def _projection(
                 axes.plot(*(1e3 * com_true[list(view)]), "x", color=RED, ms=7, mew=1.8, zorder=6)
             axes.set_xlabel(f"{'xyz'[i]} [mm]")
             axes.set_ylabel(f"{'xyz'[j]} [mm]")
-        by_paper = estimate.paper.com.position
-        if estimate.fixture is not None:
-            by_paper = estimate.fixture.held.com_struck(by_paper)
-        close.plot(*(1e3 * by_paper[list(view)]), "D", color=ORANGE, ms=5, zorder=4)
+        if estimate.paper is not None:
+            by_paper = estimate.paper.com.position
+            if estimate.fixture is not None:
+                by_paper = estimate.fixture.held.com_struck(by_paper)
+            close.plot(*(1e3 * by_paper[list(view)]), "D", color=ORANGE, ms=5, zorder=4)
         _axis_names(whole, estimate.planes, (i, j), com)
         close.set_aspect("equal")
         plain(whole)
@@ -231,7 +232,7 @@ def regions_figure(estimate: Estimate, truth: Mapping[str, float] | None = None)
             axes.plot(
                 1e3 * naive, place + 0.36, marks.get(name, "v"), color=MUTED, mfc="white", ms=5, label=label
             )
-        if estimate.paper.regions is not None:
+        if estimate.paper is not None and estimate.paper.regions is not None:
             paper = 1e3 * estimate.paper.regions.masses
             axes.plot(paper, place + 0.36, "D", color=ORANGE, ms=5, label="paper's method")
         if truth is not None:

@@ -29,6 +29,7 @@ from analyze.result.contact import contact_lines, contact_rows
 from analyze.result.contents import contents_lines, pose_rows
 from analyze.result.digits import decimals, number, signed
 from analyze.result.fixture import fixture_lines
+from analyze.result.flight import tosses_used
 from analyze.result.frame_times import frame_time_lines
 from analyze.result.headline import com_entries, edge_labels, further_warnings, headline
 from analyze.result.radius import radius_lines
@@ -131,7 +132,9 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
             voxel_text=voxel_map_text(estimate.voxels),
             moments=figure_element(
                 moments_figure(estimate, None if truth is None else truth.i_com, shown.unit)
-            ),
+            )
+            if result.moments
+            else None,
             predictions=[figure_element(figure) for figure in prediction_figures(estimate.predictions)],
             warnings=further_warnings(result),
             fixture=fixture_lines(result),
@@ -180,6 +183,13 @@ def answer_summary(answer: Answer) -> str:
         f"{len(estimate.planes)} of {counted(len(result.strikes), 'strike')} on {counted(axes, 'axis')} "
         "were used."
     )
+    tosses = tosses_used(estimate)
+    if tosses:
+        count = (
+            f"{count[:-1]}, and {counted(len(tosses), 'toss')}."
+            if estimate.planes
+            else (f"{counted(len(tosses), 'toss', 'was')} used, and no strike.")
+        )
     if not com.observed:
         return (
             f"{count} They do not determine the centre of mass along one direction; the number given along it"

@@ -141,11 +141,11 @@ def influence_figure(sensitivity: Sensitivity) -> Figure:
     phi is the balance angle. One bar per strike, in the colour of its pivot axis.
     """
     strikes = sensitivity.strikes
-    moved = 1e3 * TENTH_DEG * np.array([strike.by_phi for strike in strikes])
+    moved = 1e3 * TENTH_DEG * np.array([strike.by_phi for strike in strikes]).reshape(-1, 3)
     names = sorted({strike.axis_id for strike in strikes})
     colours = [CYCLE[names.index(strike.axis_id) % len(CYCLE)] for strike in strikes]
     place = np.arange(len(strikes))
-    reach = 1.1 * float(np.abs(moved).max())
+    reach = 1.1 * float(np.abs(moved).max(initial=1e-6))
     with style():
         figure = Figure(figsize=(4.2, 0.75 + 0.27 * (len(strikes) + 1)), layout="constrained")
         panels = figure.subplots(1, 3, sharey=True, sharex=True)

@@ -77,10 +77,12 @@ def _print_tables(result: Result, shown: Headline, console: Terminal) -> None:
     """Print the tables of poses (if it is not rigid), strikes, tosses, moments, masses and what-ifs."""
     if rows := pose_rows(result):
         console.print(_poses(rows))
-    console.print(_strikes(result, shown.unit))
+    if result.strikes:
+        console.print(_strikes(result, shown.unit))
     if rows := toss_rows(result):
         console.print(_tosses(rows))
-    console.print(_moments(result, shown.unit))
+    if result.moments:
+        console.print(_moments(result, shown.unit))
     console.print(_regions(result))
     if result.parts is not None:
         console.print(_parts(result.parts))

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from analyze.result.digits import value_text
 from analyze.types import TENSOR_ENTRIES, tensor_entry_name
 
 if TYPE_CHECKING:
+    from schemas.quantity import Quantity
     from schemas.result import Result
 
 TOSS_COLUMNS = ("toss", "verdict", "in the air (s)", "turns/s", "off axis (°)", "residual (px)")
@@ -51,6 +53,13 @@ def toss_lines(result: Result) -> list[str]:
     places = ", ".join(f"{1e3 * float(each):.2f}" for each in com.value if not isinstance(each, list))
     half = 1.96e3 * max(map(float, com.sd))
     lines = [f"tosses alone: centre of mass ({places}) mm, to {half:.2f} mm or better (95 %)"]
+    if flight.inertia_ratios:
+        ratios = ", ".join(
+            f"{name} {value_text(ratio.value, interval)}"
+            for name, ratio in zip(map(tensor_entry_name, TENSOR_ENTRIES), flight.inertia_ratios, strict=True)
+            if isinstance(ratio.value, float) and (interval := _ends(ratio)) is not None
+        )
+        lines.append(f"ratios to the mean of the moments (95 %): {ratios}")
     if flight.inertia_from is not None:
         sources: dict[str, list[str]] = {}
         for i, j in TENSOR_ENTRIES:
@@ -59,3 +68,12 @@ def toss_lines(result: Result) -> list[str]:
             "tensor: " + "; ".join(f"{', '.join(names)} by {source}" for source, names in sources.items())
         )
     return lines
+
+
+def _ends(ratio: Quantity) -> tuple[float, float] | None:
+    """Ends of a scalar's 95 % interval; None without one."""
+    match ratio.interval95:
+        case [float(low), float(high)]:
+            return low, high
+        case _:
+            return None

@@ -25,7 +25,7 @@ def disagreement_texts(agreements: Agreements) -> Iterator[str]:
     for each in agreements.estimators:
         yield f"strike {each.strike_id}: {estimator_difference_text(each)}"
     centres = agreements.centres
-    if not centres.agree:
+    if centres is not None and not centres.agree:
         yield (
             f"the paper's centre of mass lies {1e3 * centres.distance:.1f} mm from ours, {centres.sigmas:.1f}"
             " combined sd: it uses one instant of each strike, ours the whole motion"

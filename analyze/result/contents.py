@@ -47,14 +47,24 @@ UNEXPLAINED = (
 """what to do about strikes that differ without a sign of contents that move"""
 
 
-def contents_text(contents: LooseContents) -> str:
-    """Answer in words to the question whether the struck body is rigid, with the evidence."""
+def contents_text(contents: LooseContents, half_extent: float | None = None) -> str:
+    """Answer in words to the question whether the struck body is rigid, with the evidence.
+
+    Args:
+        contents: tests of the struck body.
+        half_extent: half the largest extent of the body [m]; with it the text states how far contents too
+            light to show may shift the centre of mass: from one end to the other.
+    """
     rigidity = contents.rigidity
     match rigidity.answer:
         case Answer.NOT_RIGID:
             return f"not rigid: {'; '.join(_evidence(rigidity))}"
         case Answer.NOTHING_MOVES:
-            return f"nothing moves that would show (liquid below {_percent(rigidity.share)} of the mass)"
+            unseen = f"liquid below {_percent(rigidity.share)} of the mass"
+            if half_extent is not None:
+                shift = 2e3 * rigidity.share * half_extent
+                unseen += f", which may shift the centre of mass by up to {shift:.1g} mm from pose to pose"
+            return f"nothing moves that would show ({unseen})"
         case Answer.NOT_TESTED if rigidity.energies.unexplained:
             return f"not tested: {UNEXPLAINED}"
         case Answer.NOT_TESTED if contents.suspected:
@@ -96,7 +106,7 @@ def contents_document(contents: LooseContents, half_extent: float) -> ContentsRe
     energies, poses = rigidity.energies, rigidity.poses
     return ContentsResult(
         answer=ContentsAnswer(rigidity.answer.value),
-        text=contents_text(contents),
+        text=contents_text(contents, half_extent),
         detectable_share=rigidity.share if math.isfinite(rigidity.share) else None,
         energies=_test_document(energies.chi_squared, energies.freedom, energies.limit, moves=energies.moves),
         edges=[

@@ -66,13 +66,21 @@ def result_document(estimate: Estimate) -> Result:
             strikes=_strike_rows(estimate),
             mass=quantity(inertial.mass, inertial.mass_sd, "kg").model_copy(update={"source": "given"}),
             centre_of_mass=com_quantity(inertial.com),
-            centre_of_mass_paper=Quantity(value=estimate.paper.com.position.tolist(), unit="m", frame="O"),
+            centre_of_mass_paper=(
+                None
+                if estimate.paper is None
+                else Quantity(value=estimate.paper.com.position.tolist(), unit="m", frame="O")
+            ),
             moments=axis_moments(inertial),
             inertia=inertia_quantity(inertial),
             inertia_measured=inertial.measured.tolist(),
             regions=regions_document(estimate.distribution),
-            regions_paper=_paper_regions(estimate.distribution, estimate.paper.regions),
-            table_tilt=table_tilts(inertial.com, evidence),
+            regions_paper=(
+                None
+                if estimate.paper is None
+                else _paper_regions(estimate.distribution, estimate.paper.regions)
+            ),
+            table_tilt=table_tilts(inertial.com, evidence) if estimate.fitted_planes else None,
             edge_radii=radius_documents(estimate.edge_radii),
             verdict=assessment(estimate, frame_times),
             parameters_covariance=inertial.covariance.tolist(),

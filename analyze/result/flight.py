@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.geometry.second_moments import symmetric_entries, unit_inertia, with_size
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.result.quantities import intervals95, quantity
 from analyze.result.warning_text import names_text, warning
 from schemas.quantity import Quantity
 from schemas.result import ResultWarning, WarningCode
 from schemas.toss_result import FlightResult, TossResult, TossVerdict
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from analyze.pipeline.estimate import Estimate
@@ -63,6 +65,28 @@ def flight_document(estimate: Estimate) -> FlightResult | None:
         inertia_ratios=_ratio_quantities(answer.estimate),
         disagreement=answer.disagreement,
         inertia_from=_sources(estimate, answer) if used else None,
+    )
+
+
+def tosses_used(estimate: Estimate) -> tuple[str, ...]:
+    """Ids of the tosses that are part of the answer."""
+    answer = estimate.flight
+    return answer.estimate.tosses if answer is not None and answer.agrees else ()
+
+
+def size_text(estimate: Estimate) -> str:
+    """Clause on the size of the tensor, which tosses do not tell, after few strikes, with remedy."""
+    used = len(estimate.fitted_planes)
+    if used:
+        return (
+            f"the size of the tensor rests on {counted(used, 'strike')}, which nothing checks: make three or"
+            " more, about two edges"
+        )
+    moments = np.diag(estimate.inertial.inertia)
+    sd = float(np.mean(np.diag(estimate.inertial.inertia_sd) / moments))
+    return (
+        f"the size of the tensor comes from the shape, to {100 * SIGMAS_95 * sd:.0f} %, and only the ratios"
+        " of its entries from tosses: one strike over an edge measures the size"
     )
 
 
@@ -119,7 +143,8 @@ def _sources(estimate: Estimate, answer: FlightAnswer) -> list[list[str]]:
             elif answer.sd_without is None or answer.measured_without is None:
                 row.append("tosses")
             elif not answer.measured_without[i, j]:
-                row.append("tosses with the size by strikes")
+                size = "strikes" if estimate.fitted_planes else "the shape"
+                row.append(f"tosses with the size by {size}")
             elif inertial.inertia_sd[i, j] < IMPROVED * answer.sd_without[i, j]:
                 row.append("strikes and tosses")
             else:

@@ -108,7 +108,6 @@ def score_answer(path: Path, answer: Answer) -> dict[str, Any]:
         "centre_of_mass_sd_m": sd.tolist(),
         **_interval_scores(result.centre_of_mass, com_true),
         "centre_of_mass_true_m": com_true.tolist(),
-        "centre_of_mass_paper_error_m": float(np.linalg.norm(estimate.paper.com.position - com_true)),
         "strike_ids": [strike.id for strike in used],
         "phi_true_rad": [truth.phi for truth in truths],
         "phi_error_rad": [
@@ -124,6 +123,9 @@ def score_answer(path: Path, answer: Answer) -> dict[str, Any]:
             for axis in estimate.inertial.axes
         },
     }
+    if estimate.paper is not None:
+        off = estimate.paper.com.position - com_true
+        table["centre_of_mass_paper_error_m"] = float(np.linalg.norm(off))
     table.update(_region_scores(estimate, body))
     return table
 
@@ -261,7 +263,7 @@ def _region_scores(estimate: Estimate, body: pb.TruthBody) -> dict[str, Any]:
             for name, naive in sorted(distribution.baselines.items())
         },
     }
-    by_paper = estimate.paper.regions
+    by_paper = None if estimate.paper is None else estimate.paper.regions
     if by_paper is not None:
         paper = aligned(by_paper.masses, by_paper.dividing_plane_normal)
         found["region_mass_error_relative_paper"] = _mean_region_error(paper, truth)
@@ -310,17 +312,19 @@ def render_score(score: dict[str, Any]) -> None:
             signed(np.degrees(wrong), 3),
             "–" if moment is None else signed(100 * moment, 2),
         )
-    console.print(strikes)
+    if score["strike_ids"]:
+        console.print(strikes)
     true, off = (
         1e3 * np.array(score[key]) for key in ("centre_of_mass_true_m", "centre_of_mass_error_vector_m")
     )
     known, found = (", ".join(number(v, 3) for v in place) for place in (true, true + off))
+    paper = score.get("centre_of_mass_paper_error_m")
+    by_paper = "" if paper is None else f"; the paper's estimator: {1e3 * paper:.3f} mm"
     console.print(
         styled(
             f"true centre of mass ({known}) mm, estimated ({found}) mm: off by ",
             (f"{1e3 * score['centre_of_mass_error_m']:.3f} mm", "bold"),
-            f" ({', '.join(signed(v, 3) for v in off)}); the paper's estimator:"
-            f" {1e3 * score['centre_of_mass_paper_error_m']:.3f} mm",
+            f" ({', '.join(signed(v, 3) for v in off)}){by_paper}",
         )
     )
     for line in _interval_lines(score):

@@ -10,6 +10,8 @@ from analyze.estimation.common_point import common_point
 from analyze.estimation.fixture import CENTRE_CAUSE, INERTIA_CAUSE, MASS_CAUSE, PLACE_CAUSE, TURN_CAUSE
 from analyze.estimation.what_ifs import WhatIf
 from analyze.least_squares.intervals import SIGMAS_95
+from analyze.pipeline.solved import MIN_STRIKES
+from analyze.result.flight import size_text, tosses_used
 from analyze.types import TENSOR_ENTRIES, tensor_entry_name
 from schemas.robustness import AlternativeResult
 from schemas.wording import counted
@@ -175,6 +177,19 @@ def _com_text(estimate: Estimate) -> str:
             f"doubt the centre of mass, stated to {1e3 * half:.1f} mm: with {what_if_text(broken)} it moves"
             f" by {moved:.1f} mm"
         )
+    return _checked_com_text(estimate, half)
+
+
+def _checked_com_text(estimate: Estimate, half: float) -> str:
+    """Sentence on a centre of mass that no what-if puts in doubt, to `half` [m], with what supports it."""
+    tosses = tosses_used(estimate)
+    if tosses and len(estimate.fitted_planes) < MIN_STRIKES:
+        if len(tosses) == 1:
+            return (
+                f"doubt the centre of mass, stated to {1e3 * half:.1f} mm: it comes from one toss, which"
+                " nothing checks: toss again"
+            )
+        return f"trust the centre of mass, to {1e3 * half:.1f} mm: {counted(len(tosses), 'toss')} agree on it"
     predicted = len(estimate.predictions)
     consistent = (
         f"{sum(each.consistent for each in estimate.predictions)} of {counted(predicted, 'strike')} move as"
@@ -211,13 +226,15 @@ def _tensor_texts(estimate: Estimate, moments_sound: bool) -> Iterator[str]:
             f"doubt {_names(trusted)} of the tensor: with {what_if_text(broken)} a principal moment changes"
             f" by {100 * change:.0f} %, beyond its interval"
         )
-    elif trusted and moments_sound:
-        tossed = estimate.flight is not None and estimate.flight.agrees
-        yield f"trust {_names(trusted)} of the tensor: strikes{' and tosses' * tossed} measured them"
+    elif trusted and moments_sound and len(tosses_used(estimate)) != 1:
+        sources = ["strikes"] * bool(estimate.fitted_planes) + ["tosses"] * bool(tosses_used(estimate))
+        yield f"trust {_names(trusted)} of the tensor: {' and '.join(sources)} measured them"
     if rough:
         worst = max(float(share[entry]) for entry in rough)
         yield f"doubt {_names(rough)} of the tensor: known only to {100 * worst:.0f} % of the moments"
-    if prior:
+    if prior and not estimate.fitted_planes:
+        yield f"not determined: {_names(prior)}: {size_text(estimate)}"
+    elif prior:
         come = "it comes" if len(prior) == 1 else "they come"
         yield f"not determined: {_names(prior)} of the tensor: {come} from the shape"
 

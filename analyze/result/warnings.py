@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.estimation.markers import can_subtract
+from analyze.pipeline.solved import MIN_STRIKES
 from analyze.reading.file_series import missing_files_text
 from analyze.reading.planned_strikes import planned_strikes
 from analyze.result.assessment import MAX_OUTSIDE_SD, gravity_text, prediction_text
 from analyze.result.contents import contents_text
-from analyze.result.flight import flight_warnings
+from analyze.result.flight import flight_warnings, size_text, tosses_used
 from analyze.result.frame_times import unchecked_text, wrong_text
 from analyze.result.strike_warnings import (
     MIN_STRIKES_FOR_OUTLIERS,
@@ -127,7 +128,9 @@ def _choice_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
             f"left out on request: {names_text(sorted(estimate.options.exclude))}",
         )
     used = len(estimate.fitted_planes)
-    if used < MIN_STRIKES_FOR_OUTLIERS:
+    if used < MIN_STRIKES and tosses_used(estimate):
+        yield warning(WarningCode.FEW_STRIKES, size_text(estimate))
+    elif used < MIN_STRIKES_FOR_OUTLIERS:
         yield warning(
             WarningCode.FEW_STRIKES,
             f"{counted(used, 'strike', 'was')} used: an outlier among so few cannot be"
@@ -240,7 +243,7 @@ def _scatter_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
 def _tilt_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
     """Yield a warning if a table's tilt towards the world's x was neither measured nor read from a level."""
     assumed = assumed_tilt(estimate.com, estimate.evidence)
-    if assumed > 0:
+    if assumed > 0 and estimate.fitted_planes:
         text = (
             f"the table is assumed level to {np.degrees(assumed):.2f}°, and the strikes do not determine it"
             " better"

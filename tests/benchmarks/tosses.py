@@ -4,8 +4,10 @@
     python -m tests.benchmarks.tosses --seeds 2 --bad 1
 
 Tosses go through images: rendered, tracked, found, judged, fitted. Tips are drawn: phi and k of the planned
-strikes with the errors that sessions show. With errors drawn, the object file's tags lie where a person
-glued them, and camera, tag size, table and mass are as far off as calibrations are.
+strikes with errors of each strike, and of each axis (face, air, play of the edge). With errors drawn, the
+object file's tags lie where a person glued them, and camera, tag size, table, mass and the edges' radii are
+as far off as calibrations are; as calibrated, the radius is known to 0.02 mm and the table's tilt to
+0.1 mrad.
 """
 
 from __future__ import annotations
@@ -49,12 +51,16 @@ from tests.tossed import TossedObject, planned_tosses, toss
 
 PHI_SD, K_SD = 4e-4, 2e-3
 """errors of phi [rad] and k (relative) of one strike"""
+AXIS_PHI_SD, AXIS_K_SD = 2e-4, 2e-3
+"""errors of phi [rad] and k (relative) that all strikes over one edge share"""
+RADIUS_SD, KNOWN_RADIUS_SD, OWN_RADIUS = 2e-4, 2e-5, 0.3
+"""errors of the stated radius of all edges [m], drawn and as calibrated; of each edge, over that of all"""
 PLACE_SD, TURN_SD = 3e-4, np.radians(0.3)
 """errors of a glued tag's place [m] and turn [rad]"""
 CAMERA_SD, CAMERA_TURN_SD, FOCAL_SD, PRINT_SD = 5e-4, np.radians(0.1), 5e-4, 1e-3
 """errors of the camera's place [m] and turn [rad], of its focal length and of printed sizes (relative)"""
-TILT_SD = 1e-3
-"""tilt of the table [rad]"""
+TILT_SD, KNOWN_TILT_SD = 1e-3, 1e-4
+"""tilt of the table [rad], drawn and as calibrated"""
 TOSSES = 3
 """tosses of a session"""
 
@@ -97,17 +103,23 @@ def prepared(name: str) -> tuple[ObjectModel, StrikePlan]:
 
 
 def stated(thing: VirtualObject, rng: np.random.Generator | None) -> ObjectSpec:
-    """Object file: as the object is, or with tags as far off as a person glues them."""
-    markers = []
-    for marker in thing.spec.marker:
+    """Object file: as the object is, or with tags as far off as a person glues them, and mass and print."""
+    spec, markers = thing.spec, []
+    print_error = 1.0 if rng is None else 1.0 + rng.normal(0, PRINT_SD)
+    for marker in spec.marker:
         update: dict[str, object] = {"place_sd_m": 2e-5, "turn_sd_rad": 5e-4}
         if rng is not None and marker.T_object_marker is not None:
             pose = np.array(marker.T_object_marker)
             pose[:3, 3] += rng.normal(0, PLACE_SD, 3)
             pose[:3, :3] = Rotation.from_rotvec(rng.normal(0, TURN_SD, 3)).as_matrix() @ pose[:3, :3]
             update = {"T_object_marker": pose.tolist(), "place_sd_m": PLACE_SD, "turn_sd_rad": TURN_SD}
+            update["size_m"] = marker.size_m * print_error
         markers.append(marker.model_copy(update=update))
-    return thing.spec.model_copy(update={"marker": markers})
+    entries: dict[str, object] = {"marker": markers, "edge_radius_sd_m": KNOWN_RADIUS_SD}
+    if rng is not None:
+        weighed = spec.mass_kg + rng.normal(0, spec.mass_sd_kg)
+        entries |= {"mass_kg": weighed, "edge_radius_sd_m": RADIUS_SD}
+    return spec.model_copy(update=entries)
 
 
 def calibrated(thrown: TossedObject, rng: np.random.Generator | None) -> CameraCalibrationSpec:
@@ -127,10 +139,19 @@ def calibrated(thrown: TossedObject, rng: np.random.Generator | None) -> CameraC
     )
 
 
-def tip_of(thing: VirtualObject, strike: PlannedStrike) -> tuple[float, float]:
-    """True phi [rad] and k [rad/s^2] about a planned strike's edge."""
-    R, radius = np.array(strike.R_world_object), strike.pivot.radius_m
+def tip_of(
+    thing: VirtualObject, model: ObjectModel, strike: PlannedStrike, wider: float
+) -> tuple[float, float]:
+    """True phi [rad] and k [rad/s^2] about a planned strike's edge, `wider` [m] in radius than stated."""
+    R, radius = np.array(strike.R_world_object), strike.pivot.radius_m + wider
+    hull = (model.hull_vertices - np.array(strike.pivot.point)) @ R.T
+    height = hull[:, 2] - hull[:, 2].min()
+    corner, above = hull[height < 1e-4, 0].max(), height > 5e-3
+    lean = float(np.arctan2(hull[above, 0] - corner, height[above]).max())
+    # The centre of a rounding that touches table and wall: up and back from the sharp corner.
+    back = (1 + np.sin(lean)) / np.cos(lean)
     arm = R @ (np.array(thing.body.com_object) - np.array(strike.pivot.point))
+    arm -= wider * np.array([-back, 0.0, 1.0])
     arm[1] = 0.0
     distance, line = float(np.linalg.norm(arm)), np.array(strike.pivot.direction)
     mass = thing.body.mass_kg
@@ -146,12 +167,17 @@ def session(name: str, seed: int, drawn: bool) -> tuple[Evidence, VirtualObject]
     rng = np.random.default_rng((seed, 0x7055E5, drawn))
     errors = rng if drawn else None
     spec = stated(thing, errors)
-    tilt = rng.normal(0, TILT_SD, 2) if drawn else np.zeros(2)
-    motions = []
+    tilt_sd = TILT_SD if drawn else KNOWN_TILT_SD
+    tilt = rng.normal(0, tilt_sd, 2)
+    wider = rng.normal(0, RADIUS_SD if drawn else KNOWN_RADIUS_SD)
+    motions, axes = [], {}
     for strike in plan.strikes:
-        phi, k = tip_of(thing, strike)
-        phi += tilt[0] + rng.normal(0, PHI_SD)
-        k *= 1 + rng.normal(0, K_SD)
+        if strike.axis_id not in axes:
+            axes[strike.axis_id] = rng.normal(0, (AXIS_PHI_SD, AXIS_K_SD, OWN_RADIUS * abs(wider)))
+        shared = axes[strike.axis_id]
+        phi, k = tip_of(thing, model, strike, wider + shared[2])
+        phi += tilt[0] + shared[0] + rng.normal(0, PHI_SD)
+        k *= 1 + shared[1] + rng.normal(0, K_SD)
         motions.append(motion(strike, phi, k, PHI_SD, K_SD * k, rng))
     sheet = None
     tosses: list[TossMotion] = []
@@ -159,7 +185,7 @@ def session(name: str, seed: int, drawn: bool) -> tuple[Evidence, VirtualObject]
         # Gravity leans towards +x by as much as a table tilted about y.
         thrown = toss(thing, planned, seed, table_tilt=(0.0, -float(tilt[0])))
         if sheet is None:
-            sheet = manifest(spec).model_copy(update={"gravity_tilt_sd_rad": TILT_SD})
+            sheet = manifest(spec).model_copy(update={"gravity_tilt_sd_rad": tilt_sd})
             cameras = [sheet.cameras[0].model_copy(update={"calibration": calibrated(thrown, errors)})]
             sheet = sheet.model_copy(update={"cameras": cameras})
         tosses.append(read(thrown, spec, model, sheet, seed))

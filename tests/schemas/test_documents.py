@@ -211,11 +211,12 @@ def test_every_missing_and_unknown_key_is_named_with_its_table_and_the_remedy(te
 def test_plan_with_missing_entries_names_them_and_the_remedy():
     with pytest.raises(DocumentError) as caught:
         parse_strike_plan('{"object_name": "x", "strikes": []}', "plan.json")
-    assert str(caught.value) == (
-        "plan.json: missing: 'object_sha256'; strikes: List should have at least 1 item after validation, "
-        "not 0:"
-        " create it again with `analyze plan`"
-    )
+    assert str(caught.value) == "plan.json: missing: 'object_sha256': create it again with `analyze plan`"
+
+
+def test_a_plan_holds_strikes_or_tosses():
+    with pytest.raises(DocumentError, match="holds neither strikes nor tosses"):
+        parse_strike_plan('{"object_name": "x", "object_sha256": "0", "strikes": []}', "plan.json")
 
 
 def test_a_marker_listed_twice_is_refused():

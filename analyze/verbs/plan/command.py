@@ -70,8 +70,9 @@ class _PlanArguments:
     "--strikes",
     default=9,
     show_default=True,
-    type=click.IntRange(1, 200),
-    help="Number of strikes; with --given, of additional strikes.",
+    type=click.IntRange(0, 200),
+    help="Number of strikes; with --given, of additional strikes. With --tosses one or two are enough, and "
+    "0 plans tosses alone.",
 )
 @click.option(
     "--axes",
@@ -176,7 +177,7 @@ def _refuse_early(arguments: _PlanArguments) -> None:
     """Check the options before the computation.
 
     Raises:
-        click.UsageError: options that `--method paper` does not have are given with it.
+        click.UsageError: options that `--method paper` or `--strikes 0` does not have are given with it.
         OutputError: a file cannot be written, or would replace an input.
     """
     only_ours = (
@@ -190,6 +191,13 @@ def _refuse_early(arguments: _PlanArguments) -> None:
         raise click.UsageError(
             "the paper's method has no --axes, --target-com-mm, --given, --gravity or --contents: leave them "
             "out, or use --method ours"
+        )
+    if arguments.strikes == 0 and arguments.tosses == 0:
+        raise click.UsageError("--strikes 0 plans nothing: ask for strikes, or for tosses (--tosses 3)")
+    if arguments.strikes == 0 and (only_ours or arguments.method == "paper"):
+        raise click.UsageError(
+            "--strikes 0 plans tosses alone: leave out --axes, --target-com-mm, --given, --gravity, "
+            "--contents and --method"
         )
     inputs = [arguments.object_file, arguments.rig, arguments.camera, *arguments.given]
     refuse_outputs([arguments.output, arguments.scenes], inputs=inputs)

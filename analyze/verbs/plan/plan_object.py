@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,15 +14,17 @@ from analyze.geometry.held_object import HeldObject
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.geometry.voxels import voxelise
 from analyze.planning import view
+from analyze.planning.examine import Bench
 from analyze.planning.fillings import Pieces
+from analyze.planning.hypothesis import hypothesis
 from analyze.planning.impact import StrikerModel
 from analyze.planning.paper_strikes import paper_strike_plan
 from analyze.planning.plan import PlanRequest, plan_strikes
 from analyze.planning.prepared import PreparedObject, prepare_object
 from analyze.planning.striker_update import updated_striker
-from analyze.planning.tosses import with_tosses
+from analyze.planning.tosses import plan_tosses, toss_notes, with_tosses
 from analyze.progress import Progress, no_progress
-from analyze.reading.object_file import read_object_files
+from analyze.reading.object_file import ObjectFiles, read_object_files
 from analyze.types import CameraModel
 from analyze.verbs.plan.hub_clearance import note_on_hub
 from analyze.verbs.plan.nominal_striker import prepared_for_mat, prepared_for_striker
@@ -30,13 +33,20 @@ from analyze.verbs.plan.rig import PlannedRig, planned_rig, rig_from_text
 from schemas.object_spec import ObjectSpec
 from schemas.output_file import write_text
 from schemas.session_manifest import RIG_ATTACHMENT
-from schemas.strike_plan import PlanMethod, StrikePlan
+from schemas.strike_plan import TOSS_PLAN_VERSION, PlanMethod, StrikePlan
 from schemas.wording import counted
 
 CELLS = 800
 """number of voxels for the prediction of region masses"""
 STRIKES = 9
 """default number of strikes"""
+TOSSED_ALONE = "that gives the centre of mass and the ratios of the moments"
+"""what tosses without strikes are good for, in words"""
+SIZE_NOTE = (
+    "without a strike the size of the tensor comes from the shape: where the object has an edge to tip over, "
+    "one strike measures it (`--strikes 1`)"
+)
+"""note on a plan of tosses alone"""
 STEPS = 7
 """steps of the progress bar; the last draws the cards"""
 
@@ -131,8 +141,11 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = no
         if so_far.touches and options.camera_path is None:
             bench = replace(bench, striker=updated_striker(bench.striker, so_far.touches))
             notes.append(_note_on_striker(bench.striker, len(so_far.touches)))
+    if options.strikes == 0:
+        plan = _tosses_alone(files, model, bench, options.tosses, notes)
+        return PlannedObject(plan, model, files.spec, bench.camera)
+    progress("examining the axes", 3, STEPS)
     try:
-        progress("examining the axes", 3, STEPS)
         prepared = prepare_object(model, files.spec, bench, rig.errors, given)
         if not options.given and options.camera_path is None and "striker" not in rig.devices:
             prepared, note = prepared_for_striker(
@@ -145,15 +158,47 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = no
         if not options.given and options.rig_path is None and options.camera_path is None:
             prepared, note = prepared_for_mat(prepared)
             notes += [note] if note else []
-        plan = with_tosses(_plan_of(prepared, files.sha256, options, progress), prepared, options.tosses)
+        plan = _plan_of(prepared, files.sha256, options, progress)
+        plan = with_tosses(plan, files.spec, prepared.believed, prepared.bench, options.tosses)
     except PlanError as error:
+        whole = PlanError(f"{error}{_toss_remedy(files.spec, model, bench, options)}")
         for note in model.warnings:
-            error.add_note(note)
-        raise
+            whole.add_note(note)
+        raise whole from None
     notes += _notes_on(plan, model, rig)
     return PlannedObject(
         plan.model_copy(update={"warnings": [*plan.warnings, *notes]}), model, files.spec, bench.camera
     )
+
+
+def _tosses_alone(
+    files: ObjectFiles, model: ObjectModel, bench: Bench, count: int, notes: Sequence[str]
+) -> StrikePlan:
+    """Plan of tosses without a strike, with `notes` for the user: no edge of the object is looked for.
+
+    Raises:
+        PlanError: no toss can be planned.
+    """
+    tosses = plan_tosses(files.spec, hypothesis(model), bench, count)
+    return StrikePlan(
+        schema_version=TOSS_PLAN_VERSION,
+        object_name=files.spec.name,
+        object_sha256=files.sha256,
+        strikes=[],
+        tosses=tosses,
+        warnings=[*model.warnings, *toss_notes(tosses), SIZE_NOTE, *notes],
+    )
+
+
+def _toss_remedy(spec: ObjectSpec, model: ObjectModel, bench: Bench, options: PlanOptions) -> str:
+    """Text that offers tosses where strikes cannot be planned; "" if tosses cannot be planned either."""
+    if options.given:
+        return ""
+    try:
+        plan_tosses(spec, hypothesis(model), bench, 3)
+    except PlanError:
+        return ""
+    return f"; or toss it (`--strikes 0 --tosses 3`): {TOSSED_ALONE}"
 
 
 def _notes_on(plan: StrikePlan, model: ObjectModel, rig: PlannedRig) -> list[str]:
@@ -178,7 +223,9 @@ def _plan_of(prepared: PreparedObject, sha256: str, options: PlanOptions, progre
     return plan_strikes(
         prepared,
         sha256,
-        PlanRequest(options.strikes, target, options.gravity, options.most_axes, options.contents),
+        PlanRequest(
+            options.strikes, target, options.gravity, options.most_axes, options.contents, options.tosses > 0
+        ),
         cells,
     )
 

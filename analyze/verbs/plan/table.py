@@ -28,7 +28,8 @@ def render_plan(plan: StrikePlan, console: Terminal | None = None, by_hand: bool
         by_hand: True for strikes by hand: how hard, in a word, in place of the tip speed.
     """
     console = console or Terminal()
-    console.print(_strike_table(plan, by_hand))
+    if plan.strikes:
+        console.print(_strike_table(plan, by_hand))
     if plan.prediction is not None:
         console.print(_prediction_table(plan, plan.prediction))
         console.print(f"advice: {plan.prediction.advice}")
@@ -38,7 +39,8 @@ def render_plan(plan: StrikePlan, console: Terminal | None = None, by_hand: bool
             "distance)",
         )
     if plan.tosses:
-        console.print(_tosses(plan.tosses))
+        name = "" if plan.strikes else f"{plan.object_name}: "
+        console.print(f"{name}{_tosses(plan.tosses)}")
     for warning in plan.warnings:
         console.print(f"note: {warning}")
     if plan.rejected and plan.method is PlanMethod.PAPER:

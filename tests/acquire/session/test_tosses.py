@@ -82,6 +82,14 @@ def test_tosses_alone_make_no_strike():
     assert isinstance(machine.handle(RECORDED)[-1], actions.CloseRecording)
 
 
+def test_a_plan_of_tosses_alone_begins_with_them():
+    alone = with_tosses("t1").model_copy(update={"strikes": []})
+    machine = session_machine(alone, SessionOptions())
+    assert machine.handle(events.Started())[-1] == actions.AskToToss(toss("t1"))
+    machine.handle(events.Placed())
+    assert isinstance(machine.handle(RECORDED)[-1], actions.CloseRecording)
+
+
 def test_with_every_strike_made_before_only_tosses_are_left():
     good = pb.StrikeRecord(plan_strike_id="s1", verdict_code="good")
     machine = StrikesAndTosses(with_tosses("t1"), earlier=EarlierStrikes(strikes=(good,)))

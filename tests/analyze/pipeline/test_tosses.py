@@ -6,13 +6,16 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 
+from analyze.errors import EstimationError
 from analyze.flight.toss import TossMotion, analyse_toss
 from analyze.pipeline.evidence import Evidence
 from analyze.pipeline.merge import merge_evidence, resolve_exclusions
 from analyze.pipeline.object_markers import placed_markers
 from analyze.pipeline.solved import EstimateOptions
 from analyze.pipeline.tosses import answer_of_flights, thrown_body
+from analyze.report.report import render_report
 from analyze.result.answer import answer_evidence
 from schemas.object_spec import MarkerSpec
 from schemas.result import WarningCode
@@ -124,3 +127,63 @@ def test_tosses_of_two_recordings_are_averaged_without_a_gain() -> None:
     mean = 0.5 * (precisions[1] + precisions[2])
     assert np.abs(precisions[0] - mean).max() < 1e-6 * np.abs(mean).max()
     assert answer_of_flights(merged, markers, frozenset({"1:t0.1", "2:t1.1"})) is None
+
+
+def test_tosses_alone_give_the_centre_of_mass_and_the_ratios() -> None:
+    answer = answer_evidence(replace(evidence(), motions=()))
+    com = answer.estimate.com
+    off = (com.position - BODY.com) / np.sqrt(np.diag(com.covariance))
+    assert np.abs(off).max() < 4.0
+    assert np.linalg.norm(com.position - BODY.com) < 1e-3
+    ratio = answer.estimate.inertial.inertia / np.trace(answer.estimate.inertial.inertia)
+    assert np.abs(ratio - BODY.inertia / np.trace(BODY.inertia)).max() < 0.01
+    assert np.diag(answer.estimate.inertial.measured).tolist() == [False] * 3
+    verdict = answer.result.verdict or []
+    assert verdict[0].startswith("trust the centre of mass")
+    assert "2 tosses agree on it" in verdict[0]
+    assert any("the size of the tensor comes from the shape" in text for text in verdict)
+    assert answer.result.centre_of_mass_paper is None
+    assert answer.result.flight is not None
+    assert answer.result.flight.inertia_from is not None
+    assert answer.result.flight.inertia_from[0][1] == "tosses with the size by the shape"
+    page = render_report(answer, [])
+    assert "2 tosses were used, and no strike." in page
+    assert "Motion of every strike" not in page
+
+
+def test_one_strike_beside_tosses_measures_the_size() -> None:
+    whole = evidence()
+    answer = answer_evidence(replace(whole, motions=whole.motions[:1]))
+    found = answer.estimate.inertial
+    assert found.measured.all()
+    sd = np.diag(found.inertia_sd)
+    assert np.all(sd < 0.05 * np.diag(BODY.inertia))
+    assert np.abs(np.diag(found.inertia - BODY.inertia) / sd).max() < 4.0
+    few = [each.text for each in answer.result.warnings if each.code is WarningCode.FEW_STRIKES]
+    assert few == [
+        "the size of the tensor rests on 1 strike, which nothing checks: make three or more, about two edges"
+    ]
+
+
+def test_one_toss_alone_is_doubted() -> None:
+    answer = answer_evidence(replace(evidence(tosses=1), motions=()))
+    verdict = answer.result.verdict or []
+    assert verdict[0].startswith("doubt the centre of mass")
+    assert "one toss, which nothing checks: toss again" in verdict[0]
+    assert not any(text.startswith("trust") for text in verdict)
+
+
+def test_a_strike_that_contradicts_the_tosses_is_no_answer() -> None:
+    shifted = evidence(shift=0.004)
+    with pytest.raises(EstimationError, match=r"the tosses contradict the 2 strikes .*--exclude"):
+        answer_evidence(replace(shifted, motions=shifted.motions[:2]))
+
+
+def test_without_strikes_and_good_tosses_there_is_no_answer() -> None:
+    whole = evidence()
+    bad = tuple(
+        replace(toss, verdict=TossVerdict.SLOW, reason="1.0 turns a second: spin it faster")
+        for toss in whole.tosses
+    )
+    with pytest.raises(EstimationError, match=r"no good toss of 2 \(t0.1 slow, t1.1 slow\).*spin it faster"):
+        answer_evidence(replace(whole, motions=(), tosses=bad))

@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
+import trimesh
 from click.testing import CliRunner
+from scipy.spatial.transform import Rotation
 
 from analyze.cli import main
 from analyze.verbs.plan.table import axis_text
@@ -232,3 +235,52 @@ def test_tosses_are_planned_and_printed(tmp_path: Path):
     assert plan["schema_version"] == "1.2"
     assert [toss["id"] for toss in plan["tosses"]] == ["t1", "t2"]
     assert 'id="t2"' in (tmp_path / "plan-cards.html").read_text(encoding="utf-8")
+
+
+def test_tosses_alone_need_no_edge(tmp_path: Path):
+    done = run(str(CARTON), "-o", str(tmp_path / "plan.json"), "--strikes", "0", "--tosses", "2", "--json")
+    assert done.exit_code == 0, done.output
+    plan = json.loads(done.stdout)
+    assert plan["strikes"] == []
+    assert [toss["id"] for toss in plan["tosses"]] == ["t1", "t2"]
+    assert any("one strike measures it" in warning for warning in plan["warnings"])
+    assert (tmp_path / "plan-cards.html").exists()
+
+
+def test_one_strike_beside_tosses_is_on_the_edge_that_measures_the_size_best():
+    done = run(str(CARTON), "--strikes", "1", "--tosses", "1", "--json")
+    plan = json.loads(done.stdout)
+    assert [strike["id"] for strike in plan["strikes"]] == ["s1"]
+    assert plan["prediction"] is None
+    assert plan["hypothesis"] is not None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--strikes", "0"], "--strikes 0 plans nothing: ask for strikes, or for tosses (--tosses 3)"),
+        (["--strikes", "0", "--tosses", "1", "--gravity"], "--strikes 0 plans tosses alone: leave out"),
+        (["--strikes", "2"], "ask for 3 or more, or for tosses too (--tosses 3)"),
+    ],
+)
+def test_too_few_strikes_are_refused_with_what_to_ask_for(arguments: list[str], said: str):
+    done = run(str(CARTON), *arguments)
+    assert done.exit_code != 0
+    assert said in done.stderr
+
+
+def test_an_object_that_only_rolls_is_offered_tosses(tmp_path: Path):
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=45.0)
+    ball.export(tmp_path / "ball.stl")
+    text = 'name = "ball"\nmass_kg = 0.2\nmass_sd_kg = 0.001\n[shape]\nfile = "ball.stl"\nunit = "mm"\n'
+    for number, turn in enumerate(np.vstack([np.eye(3), -np.eye(3)])):
+        pose = np.eye(4)
+        pose[:3, :3] = Rotation.align_vectors([turn], [[0.0, 0.0, 1.0]])[0].as_matrix()
+        pose[:3, 3] = 0.0448 * turn
+        text += f"[[marker]]\nid = {number}\nsize_m = 0.024\nT_object_marker = {pose.tolist()}\n"
+    (tmp_path / "ball.toml").write_text(text)
+    done = run(str(tmp_path / "ball.toml"))
+    assert done.exit_code == 1
+    assert "or toss it (`--strikes 0 --tosses 3`)" in done.stderr
+    done = run(str(tmp_path / "ball.toml"), "--strikes", "0", "--tosses", "3")
+    assert done.exit_code == 0, done.stderr
