@@ -1,9 +1,9 @@
 """Phone videos of tosses, and of strikes before the same phone, read row by row by a rolling shutter.
 
-The phone, its lens, its noise and the tea box are those of `make_phone_videos`. Every row of an image is drawn
-at its own time, as the mean of its exposure, through the lens. A hand holds the box still, swings and lets go;
-the box then obeys gravity, Euler's equations and a simple resistance of the air, and ends in a cushion. Nothing
-is shared with the virtual rig or with the estimators.
+The phone, its lens, its noise and the tea box are those of `make_phone_videos`. Every row of an image is
+drawn at its own time, as the mean of its exposure, through the lens. A hand holds the box still, swings and
+lets go; the box then obeys gravity, Euler's equations and a simple resistance of the air, and ends in a
+cushion. Nothing is shared with the virtual rig or with the estimators. The table hides nothing of the swing.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def struck(strike: dict, random: np.random.Generator) -> Motion:
     for theta in phone.tipping(strike, round(1 / STEP_S)):
         turn = hand @ _turn(np.array([0.0, theta, 0.0]))
         turns.append(turn @ R_wo)
-        places.append(turn @ (p_wo - centre) + hand @ (centre + [radius * theta, 0, 0]) + shift)
+        places.append(turn @ (p_wo - centre) + hand @ (centre + np.array([radius * theta, 0, 0])) + shift)
     return Motion(np.array(turns), np.array(places))
 
 
@@ -151,7 +151,8 @@ def _carried(R: np.ndarray, c: np.ndarray, length_s: float) -> list:
     for time in np.arange(0, length_s, STEP_S):
         grown = min(1.0, time / 0.3) ** 2
         turn = grown * np.array([0.9 * math.sin(5 * time), 1.3 * math.sin(3.3 * time), math.sin(4 * time)])
-        shift = grown * np.array([0.09 * math.sin(4 * time), 0.03 * math.sin(6 * time), 0.04 * math.sin(7 * time)])
+        waves = math.sin(4 * time), math.sin(6 * time), math.sin(7 * time)
+        shift = grown * np.array([0.09, 0.03, 0.04]) * waves
         path.append((_turn(turn) @ R, c + shift))
     return path
 
@@ -217,11 +218,11 @@ class Film:
         """
         margin = 0.5 * (abs(self.line_s) * phone.HEIGHT + EXPOSURE_S)
         times = np.arange(margin + random.uniform(0, 1 / rate_hz), motion.length_s - margin, 1 / rate_hz)
-        clean: Image | None = None
+        clean, rested = self.scenery.astype(np.float32), False
         for time in times:
             seen = motion.at(time + np.array([-margin, 0.0, margin]))
             rests = np.ptp(seen[0], axis=0).max() + np.ptp(seen[1], axis=0).max() < 1e-9
-            if clean is None or not (rests and rested):
+            if not (rests and rested):
                 clean = self._exposed(motion, time)
             rested = rests
             noise = random.standard_normal(clean.shape, np.float32) * phone.NOISE
@@ -265,9 +266,7 @@ class Film:
                     self._draw(large, texture, corners, R, p)
         return large
 
-    def _draw(
-        self, large: Image, texture: Image, corners: np.ndarray, R: np.ndarray, p: np.ndarray
-    ) -> None:
+    def _draw(self, large: Image, texture: Image, corners: np.ndarray, R: np.ndarray, p: np.ndarray) -> None:
         """Draw a side, with a pose (900, 3, 3), (900, 3) in the camera's frame for each row."""
         seen = np.einsum("rij,cj->rci", R[::30], corners) + p[::30, None]
         pixels = seen @ phone.K.T
@@ -284,15 +283,14 @@ class Film:
         m = np.linalg.inv(phone.K @ plane)[:, None].astype(np.float32)
         x, y = self.ideal[top:bottom, left:right, 0], self.ideal[top:bottom, left:right, 1]
         w = m[..., 2, 0] * x + m[..., 2, 1] * y + m[..., 2, 2]
+        w[w == 0] = 1e-9
         u = (m[..., 0, 0] * x + m[..., 0, 1] * y + m[..., 0, 2]) / w
         v = (m[..., 1, 0] * x + m[..., 1, 1] * y + m[..., 1, 2]) / w
         drawn = cv2.remap(texture, u - 0.5, v - 0.5, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         inside = (u >= 0) & (u < columns) & (v >= 0) & (v < rows)
         np.copyto(large[top:bottom, left:right], drawn, where=inside)
 
-    def _draw_fingers(
-        self, large: Image, motion: Motion, time: float, p: np.ndarray, *, front: bool
-    ) -> None:
+    def _draw_fingers(self, large: Image, motion: Motion, time: float, p: np.ndarray, *, front: bool) -> None:
         """Draw the finger tips that are nearer than the body's origin `p` (3,), or those that are not."""
         if motion.fingers is None:
             return

@@ -3,9 +3,9 @@
     make bench-import-tosses                         # 6 sessions of three tosses, each imported twice
     python -m tests.benchmarks.import_tosses --seeds 1
 
-The videos are those of `tests.phone_tosses`: 240 images a second, a rolling shutter of 7 us a row, H.264. Each
-session is imported with the delay from row to row stated in the camera file, and without it. The strikes are
-those of the plan of the phone sample, one set for all sessions; tosses and noise differ.
+The videos are those of `tests.phone_tosses`: 240 images a second, a rolling shutter of 7 us a row, H.264.
+Each session is imported with the delay from row to row stated in the camera file, and without it. The strikes
+are those of the plan of the phone sample, one set for all sessions; tosses and noise differ.
 """
 
 from __future__ import annotations
@@ -34,6 +34,18 @@ from tests.places import ROOT
 SAMPLE = ROOT / "docs" / "examples" / "phone"
 ENTRIES = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
 """rows and columns of xx, yy, zz, xy, xz, yz"""
+
+COLUMNS = (
+    "line time",
+    "sessions",
+    "good tosses",
+    "worst entry, median / largest [%]",
+    "products, median [%]",
+    "rms z of xx yy zz xy xz yz",
+    "largest |z|",
+    "c, median / largest [mm]",
+    "rms z of c",
+)
 
 
 @dataclass(frozen=True)
@@ -160,9 +172,7 @@ def main(seeds: int, workers: int, keep: Path | None) -> None:
             for score in both
         ]
     table = Table(title="tea box, six strikes and three tosses filmed by a phone; tensor over largest moment")
-    for column in ("line time", "sessions", "good tosses", "worst entry, median / largest [%]",
-                   "products, median [%]", "rms z of xx yy zz xy xz yz", "largest |z|", "c, median / largest [mm]",
-                   "rms z of c"):
+    for column in COLUMNS:
         table.add_column(column, justify="right")
     for stated in (True, False):
         some = [each for each in found if each.stated is stated]
