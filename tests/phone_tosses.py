@@ -64,6 +64,13 @@ class Motion:
         mixed = 1.5 * mixed - 0.5 * mixed @ np.swapaxes(mixed, 1, 2) @ mixed
         return mixed, self.p[first] + share * (self.p[first + 1] - self.p[first])
 
+    def part(self, start_s: float, end_s: float) -> Motion:
+        """Motion between two times [s]."""
+        some = slice(round(start_s / STEP_S), round(end_s / STEP_S))
+        fingers = None if self.fingers is None else self.fingers[some]
+        flight = self.flight_s[0] - start_s, self.flight_s[1] - start_s
+        return Motion(self.R[some], self.p[some], fingers, flight)
+
 
 # --- motions
 
@@ -182,6 +189,8 @@ class Film:
     """sides of the box, and after them its tags"""
     line_s: float = LINE_S
     """delay from row to row [s]"""
+    exposure_s: float = EXPOSURE_S
+    """exposure of each row [s]"""
 
     @cached_property
     def place(self) -> tuple[np.ndarray, np.ndarray]:
@@ -216,7 +225,7 @@ class Film:
             random: draws phase and noise.
             rate_hz: images per second.
         """
-        margin = 0.5 * (abs(self.line_s) * phone.HEIGHT + EXPOSURE_S)
+        margin = 0.5 * (abs(self.line_s) * phone.HEIGHT + self.exposure_s)
         times = np.arange(margin + random.uniform(0, 1 / rate_hz), motion.length_s - margin, 1 / rate_hz)
         clean, rested = self.scenery.astype(np.float32), False
         for time in times:
@@ -231,12 +240,12 @@ class Film:
     def _exposed(self, motion: Motion, time: float) -> Image:
         """Image without noise, its middle row at a time [s] in the middle of the exposure."""
         rows = time + self.line_s * (np.arange(2 * phone.HEIGHT) / 2 - 0.25 - 0.5 * (phone.HEIGHT - 1))
-        ends = self._corners(motion, time + 0.5 * EXPOSURE_S * np.array([-1, 1]))
+        ends = self._corners(motion, time + 0.5 * self.exposure_s * np.array([-1, 1]))
         moved = float(np.abs(np.diff(ends, axis=0)).max())
         count = max(1, math.ceil(2 * moved))
         total = np.zeros(self.scenery.shape, np.float32)
         for part in (np.arange(count) + 0.5) / count - 0.5:
-            total += self._drawn(motion, rows + part * EXPOSURE_S)
+            total += self._drawn(motion, rows + part * self.exposure_s)
         soft = cv2.GaussianBlur(total / count, (0, 0), 1.0)
         return cv2.resize(soft, (phone.WIDTH, phone.HEIGHT), interpolation=cv2.INTER_AREA)
 

@@ -36,8 +36,8 @@ _FREE_RATIO = 2.0
 """largest rms residual of a free stretch, in those standard deviations"""
 _END_FRAMES = 3
 """number of frames at an end of a flight whose residuals are judged together"""
-_END_RATIO = 2.5
-"""rms residual of the frames at an end, over that of all frames, above which they are cut off"""
+_END_RATIO = 3.0
+"""rms residual of the frames at an end, over the median of all frames, above which they are cut off"""
 _CORE_FRAMES, _CORE_S = 16, 0.13
 """number of frames that are fitted at first, and added at most at once, and the time that they cover where
 that takes more"""
@@ -121,8 +121,11 @@ def grown_flight(
     most = end - begin
     for later in (True, False, True):
         begin, end, found = _grown(views, begin, end, found, most, later=later)
-    part = views.part(begin + _GUARD_FRAMES, end - _GUARD_FRAMES)
-    seconds = float(views.seconds[begin + _GUARD_FRAMES] - views.seconds[begin])
+    size = _frame_residuals(views.part(begin, end), found)
+    fits = np.flatnonzero(size < _END_RATIO * max(1.0, float(np.median(size))))
+    first, last = begin + int(fits[0]) + _GUARD_FRAMES, begin + int(fits[-1]) + 1 - _GUARD_FRAMES
+    part = views.part(first, last)
+    seconds = float(views.seconds[first] - views.seconds[begin])
     again = [(part, moved_in_time(found, seconds))]
     return part, fit_tosses(body, prior, camera, tags, again, found.x[: found.model.shared])
 
@@ -146,12 +149,12 @@ def _core(
         if len(part) < frames or np.diff(part.seconds).max() > _BRIDGED_S:
             continue
         fit = first_fit(part, tags, camera, body, prior)
-        size = float(np.sqrt(np.mean(_frame_residuals(part, fit) ** 2)))
+        size = _rms(_frame_residuals(part, fit))
         if best is None or size < best[0]:
             best = size, begin, fit
         if size < _GOOD_CORE:
             break
-    if best is None or _rms_px(best[2]) > _MAX_CORE_PX:
+    if best is None or _rms(best[2].residual) > _MAX_CORE_PX:
         return None
     return best[1], best[1] + frames, best[2]
 
@@ -207,7 +210,7 @@ def _extended(views: TossViews, start: TossStart, fit: TossFit, added: NDArray[n
     """Fit to a flight with further frames, which begins from the fit so far.
 
     None if the further frames do not belong to the flight: the fit so far predicts other places, or the new
-    one fits its ends worse than the rest.
+    one fits the end that has grown worse than the rest.
 
     Args:
         views: views with the further frames.
@@ -222,20 +225,20 @@ def _extended(views: TossViews, start: TossStart, fit: TossFit, added: NDArray[n
     if not float(np.median(off)) < _MAX_PREDICTED_PX:
         return None
     new = fit_tosses(model.body, fit.prior, model.camera, model.tags, model.tosses, shared, _MAX_STEPS)
-    usual = max(_rms_px(fit), float(views.sd.mean()))
-    return new if _ends_fit(views, new) and _rms_px(new) < _MAX_GROWTH * usual else None
+    usual = max(_rms(_frame_residuals(fit.model.tosses[0][0], fit)), 1.0)
+    fits_all = _rms(_frame_residuals(views, new)) < _MAX_GROWTH * usual
+    return new if fits_all and _end_fits(views, new, last=bool(added[views.frame.argmax()])) else None
 
 
-def _ends_fit(views: TossViews, fit: TossFit) -> bool:
-    """True if the residuals in the first and last frames are like those of the others."""
+def _end_fits(views: TossViews, fit: TossFit, *, last: bool) -> bool:
+    """True if the residuals in the last frames, or in the first ones, are like those of the others."""
     size = _frame_residuals(views, fit)
-    usual = max(1.0, float(np.sqrt(np.median(size**2))))
-    ends = [float(np.sqrt(np.mean(each**2))) for each in (size[:_END_FRAMES], size[-_END_FRAMES:])]
-    return max(ends) < _END_RATIO * usual
+    end = size[-_END_FRAMES:] if last else size[:_END_FRAMES]
+    return _rms(end) < _END_RATIO * max(1.0, float(np.median(size)))
 
 
-def _rms_px(fit: TossFit) -> float:
-    return float(np.sqrt(np.mean(fit.residual**2)))
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _fall_residual(time: Array, R: Array, origin: Array, R_camera_world: Array, prior: FlightPrior) -> float:
@@ -265,7 +268,11 @@ def _longest(free: np.ndarray, time: Array) -> tuple[int, int] | None:
 
 
 def _frame_residuals(views: TossViews, fit: TossFit) -> Array:
-    """Rms residual (n,) of each frame's corners, in their standard deviations."""
+    """Rms residual (n,) of the corners of each frame's best tag, in their standard deviations.
+
+    Before a hand or a cushion all tags leave the flight; one that turns into view may be off by itself.
+    """
     square = np.mean(fit.residual.reshape(-1, 8) ** 2, axis=1) / views.sd**2
-    total = np.bincount(views.frame, square, minlength=len(views))
-    return np.sqrt(total / np.maximum(np.bincount(views.frame, minlength=len(views)), 1))
+    least = np.full(len(views), np.inf)
+    np.minimum.at(least, views.frame, square)
+    return np.sqrt(least)
