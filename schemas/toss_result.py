@@ -61,7 +61,7 @@ class FlightResult(Document):
     tosses: list[TossResult]
     """all tosses in the recordings' order"""
     used: bool
-    """true if the result rests on the tosses too: at least one is good, and the strikes agree"""
+    """true if the result rests on the tosses: at least one is good, and the strikes, if any, agree"""
     centre_of_mass: Quantity | None = Field(
         default=None,
         description="centre of mass by the tosses alone [m, in O]; null without a good toss",
@@ -79,5 +79,5 @@ class FlightResult(Document):
     inertia_from: list[list[str]] | None = Field(
         default=None,
         description="per entry of the tensor what determines it: strikes, strikes and tosses, tosses with the"
-        " size by strikes, or shape",
+        " size by strikes or by the shape, or shape",
     )

@@ -34,12 +34,13 @@ class StrikePage:
     """Verdict on the strike in words, such as "rocked back"; "" if it is not known yet."""
 
 
-def timeline_of(page: str | None) -> str:
+def timeline_of(page: str | None, *, struck: bool = True) -> str:
     """Name of the timeline that a page (tab) of the replay uses: "session" or "since_contact".
 
-    It is "session" for the page SESSION_PAGE, "since_contact" for all others and without a page (None).
+    It is "session" for the page SESSION_PAGE, and where nothing was struck; otherwise "since_contact", also
+    without a page (None).
     """
-    return SESSION if page == SESSION_PAGE else SINCE_CONTACT
+    return SESSION if page == SESSION_PAGE or not struck else SINCE_CONTACT
 
 
 def scene_view(
@@ -90,7 +91,7 @@ def layout(pages: Sequence[StrikePage], front: str, bounds: Array | None = None)
             active_tab=names.index(front) if front in names else 0,
         ),
         rrb.TimePanel(
-            timeline=timeline_of(front),
+            timeline=timeline_of(front, struck=bool(pages)),
             state="collapsed",
             playback_speed=0.1,
             loop_mode="all",

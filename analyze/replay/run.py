@@ -46,7 +46,9 @@ class ReplayResult:
     """Problems, one line each: damage of the recording, else the reason why there is no answer; empty if
     there is neither."""
     moment_s: float
-    """Time since contact [s] at which the front page shows a tipping object."""
+    """Time on `timeline` [s] at which the front page shows a tipping object."""
+    timeline: str
+    """Name of the timeline of the front page."""
 
 
 APPLICATION = "percuss"
@@ -207,28 +209,28 @@ def _images_then_motion(
 
 
 def _finish(recording: Recording, sender: Sender, target: Target, progress: Progress) -> ReplayResult:
-    from analyze.pipeline.read_evidence import read_open_head
-
     count = len(recording.strikes)
     progress("estimating", count, count + 1)
     try:
         send_health(sender.timelines, recording)
     except RecordingError as error:
         sender.damage.append(str(error))
-    sender.send_answer(read_open_head(recording))
+    sender.send_answer(recording)
     target.sent(sender.timelines.stream)
     problems = sender.no_answer
     if sender.damage:
         problems = [f"{sender.damage[0]} (replayed as far as it can be read: {counted(count, 'strike')})"]
-    return ReplayResult(problems, sender.shown_moment_s())
+    return ReplayResult(problems, sender.shown_moment_s(), sender.shown_timeline())
 
 
 def _refuse_unknown(recording: Recording, options: ReplayOptions) -> None:
     strikes = [record.strike_id for record in recording.strikes]
-    for strike_id in sorted(options.exclude - set(strikes)):
+    known = [*strikes, *(record.toss_id for record in recording.tosses)]
+    tossed = len(known) > len(strikes)
+    for name in sorted(options.exclude - set(known)):
         raise ReplayError(
-            f"{recording.path}: no strike {strike_id!r} to exclude: its strikes are "
-            f"{', '.join(strikes) or 'none'}"
+            f"{recording.path}: no strike {name!r} to exclude: its strikes{' and tosses' * tossed} are "
+            f"{', '.join(known) or 'none'}"
         )
     pages = [ANSWER, *strikes, SESSION_PAGE]
     if options.page is not None and options.page not in pages:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import rerun as rr
 
 from analyze.errors import AnalyzeError, PlanError, RecordingError
-from analyze.replay.layout import ANSWER, StrikePage, layout
+from analyze.replay.layout import ANSWER, StrikePage, layout, timeline_of
 from analyze.replay.markdown import message
 from analyze.replay.palette import Colour, distinct_colour
 from analyze.replay.pictures import ImageChoice, send_pictures
@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
     from analyze.cache.results import ResultCache
     from analyze.pipeline.estimate import Estimate
-    from analyze.pipeline.evidence import RecordingHead, StrikeReading, StrikeSource, StruckObject
+    from analyze.pipeline.evidence import StrikeReading, StrikeSource, StruckObject
+    from analyze.reading.recording import Recording
     from analyze.replay.body import SceneInputs
     from analyze.types import Array
     from schemas.proto import percuss_pb2 as pb
@@ -35,7 +36,7 @@ class ReplayOptions:
     object_path: Path | None = None
     """Object file that replaces the recording's; None to use the recording's."""
     exclude: frozenset[str] = frozenset()
-    """Ids of strikes that the answer leaves out."""
+    """Ids of strikes and tosses that the answer leaves out."""
     images: ImageChoice = field(default_factory=ImageChoice)
     """Selection and encoding of the images."""
     page: str | None = None
@@ -131,6 +132,10 @@ class Sender:
             return balance_moment(None, None)
         return balance_moment(shown.motion, self.timelines.contact_of(shown.record))
 
+    def shown_timeline(self) -> str:
+        """Name of the timeline of the page in front."""
+        return timeline_of(self._options.page, struck=bool(self._pages))
+
     # --- strikes
 
     def send_images(self, source: StrikeSource, record: pb.StrikeRecord) -> None:
@@ -216,27 +221,35 @@ class Sender:
 
     # --- the answer
 
-    def send_answer(self, head: RecordingHead) -> None:
-        """Send the viewer the estimate from all strikes, or the reason why there is none; show its page.
+    def send_answer(self, recording: Recording) -> None:
+        """Send the viewer the estimate from strikes and tosses, or why there is none; show its page.
 
         The reason becomes the only entry of the list `no_answer`. If the user chose another page of the
         viewer, that stays in front.
 
         Args:
-            head: identity of the recording.
+            recording: the complete recording.
         """
-        from analyze.pipeline.cached import estimate_with_cache
+        from analyze.pipeline.cached import cached_toss_reader, estimate_with_cache
         from analyze.pipeline.estimate import EstimateOptions
         from analyze.pipeline.merge import resolve_exclusions
-        from analyze.pipeline.read_evidence import evidence_from_readings
+        from analyze.pipeline.read_evidence import evidence_from_readings, read_open_head
 
+        head = read_open_head(recording)
         try:
-            if self._struck is None or self._body is None or self.no_answer:
-                raise PlanError(*self.no_answer[:1] or ["the recording has no strike"])
+            struck, body = self._object(recording)
+            if struck is None or body is None or self.no_answer:
+                raise PlanError(*self.no_answer[:1])
+            if not recording.strikes and not recording.tosses:
+                raise PlanError("the recording has no strike")
             options = EstimateOptions(
                 self._options.object_path, resolve_exclusions([head], self._options.exclude)
             )
-            evidence = evidence_from_readings(head, self._struck, self._readings)
+            evidence = evidence_from_readings(head, struck, self._readings)
+            read_toss = cached_toss_reader(self._options.cache)
+            markers = list(body.markers)
+            tosses = [read_toss(recording, struck, markers, record) for record in recording.tosses]
+            evidence = replace(evidence, tosses=tuple(tosses))
             self._send_estimate(estimate_with_cache(self._options.cache, evidence, options))
         except AnalyzeError as error:
             text = str(error) if str(error).startswith(str(head.path)) else f"{head.path}: {error}"

@@ -57,8 +57,9 @@ def answer_text(name: str, result: Result) -> str:
             f"| {as_written(each.name)} | {open_interval(each.mass, 1e3)} |"
             for each in result.regions.regions
         ]
-    lines += ["", f"## Moments by edge [{shown.unit.label}]", ""]
-    lines += ["| edge | about the edge | about the centre of mass |", "|:--|--:|--:|"]
+    if result.moments:
+        lines += ["", f"## Moments by edge [{shown.unit.label}]", ""]
+        lines += ["| edge | about the edge | about the centre of mass |", "|:--|--:|--:|"]
     lines += [
         f"| {as_written(labels[each.axis_id])} | {with_interval(each.i_edge, shown.unit.factor)} | "
         f"{with_interval(each.i_com, shown.unit.factor)} |"

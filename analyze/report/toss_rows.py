@@ -53,6 +53,11 @@ def toss_lines(result: Result) -> list[str]:
     places = ", ".join(f"{1e3 * float(each):.2f}" for each in com.value if not isinstance(each, list))
     half = 1.96e3 * max(map(float, com.sd))
     lines = [f"tosses alone: centre of mass ({places}) mm, to {half:.2f} mm or better (95 %)"]
+    if flight.used and flight.disagreement is not None:
+        lines.append(
+            "tosses and strikes agree on the centre of mass and on the ratios of the moments"
+            f" (chi squared {flight.disagreement:.1f} of 8)"
+        )
     if flight.inertia_ratios:
         ratios = ", ".join(
             f"{name} {value_text(ratio.value, interval)}"

@@ -112,10 +112,9 @@ def _replay_in_rerun(recording: RecordingFile, arguments: _ReplayArguments) -> N
         for problem in replayed.problems:
             echo(f"analyze: {problem}", err=True)
         if isinstance(target, ToFile) and arguments.screenshot is not None:
-            from analyze.replay.layout import timeline_of
             from analyze.replay.picture import screenshot as take_picture
 
-            take_picture(target.output, arguments.screenshot, replayed.moment_s, timeline_of(arguments.page))
+            take_picture(target.output, arguments.screenshot, replayed.moment_s, replayed.timeline)
         if isinstance(target, ToViewer):
             with suppress(KeyboardInterrupt):  # everything is shown: Ctrl-C is the way to end
                 target.wait()
