@@ -20,7 +20,10 @@ if TYPE_CHECKING:
     from analyze.types import Array, CameraModel
 
 _TRIED_FRAMES, _LAGS = 6, (1, 3)
-"""number of frames whose poses are tried, and of frames from each to the one that gives the spin"""
+"""number of frames whose poses are tried, and of frames from each to the one that gives the spin; of every
+n-th frame only where frames are less than `_APART_S` apart"""
+_APART_S = 0.006
+"""least time between frames from whose poses the spin is taken [s]"""
 _FITTED_GUESSES = 2
 """number of the best guesses that are fitted"""
 _MAX_STEPS = 12
@@ -80,7 +83,8 @@ def first_fit(
     line, *_ = np.linalg.lstsq(np.column_stack([np.ones_like(time), time]), fallen, rcond=None)
     shared = prior.mean_and_sd(tags)[0]
     guesses: list[tuple[float, TossStart]] = []
-    for first, lag in product(range(min(_TRIED_FRAMES, len(R) - 1)), _LAGS):
+    every = max(1, int(np.ceil(_APART_S / np.median(np.diff(time)))))
+    for first, lag in product(range(0, every * _TRIED_FRAMES, every), every * np.array(_LAGS)):
         if first + lag >= len(R):
             continue
         turn = vector_from_matrix(R[first].T @ R[first + lag])

@@ -36,10 +36,10 @@ if TYPE_CHECKING:
 COM, SHAPE, GRAVITY, DRAG = slice(0, 3), slice(3, 8), slice(8, 11), slice(11, 13)
 """places among the unknowns: c [m, in O], five numbers of the tensor's shape, gravity [m/s^2, in W],
 coefficients of the air's force and moment"""
-PRESSURE, TAG_SIZE = slice(13, 16), 16
-"""places of the shift of the air's force against where the law has it [m, in O], and of the size of the tags
-over the stated one"""
-FIRST_TAG, TAG_TERMS = 17, 6
+PRESSURE, TAG_SIZE, LINE_TIME = slice(13, 16), 16, 17
+"""places of the shift of the air's force against where the law has it [m, in O], of the size of the tags over
+the stated one, and of the delay from image row to row beyond that of the calibration [s]"""
+FIRST_TAG, TAG_TERMS = 18, 6
 """place of the first tag's unknowns; of each tag: shift of the centre [m] and turn [rad], in O"""
 TURN, SPIN, PLACE, VELOCITY = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 """places among a toss's own unknowns, at its first frame: turn against the first guess [rad, in W], angular
@@ -257,7 +257,10 @@ class FlightModel:
         corners = self.corners(x)[views.tag]
         R = path.R_world_object[views.frame]
         arms = np.einsum("mij,mcj->mci", R, corners - x[COM])
-        in_camera = (path.place[views.frame][:, None, :] + arms) @ R_camera_world.T + p_camera_world
+        velocity, acceleration = _of_corners(path, views, arms, x[GRAVITY])
+        late = (x[LINE_TIME] * views.rows)[..., None]
+        moved = arms + late * velocity + 0.5 * late**2 * acceleration
+        in_camera = (path.place[views.frame][:, None, :] + moved) @ R_camera_world.T + p_camera_world
         pixels = project_ideal(self.camera, in_camera)
         into = np.einsum("mcij,jk->mcik", project_jacobian(self.camera, in_camera), R_camera_world)
         by = np.zeros((*pixels.shape, self.count))
@@ -274,6 +277,9 @@ class FlightModel:
         )
         by[..., GRAVITY] = 0.5 * time[:, None, None, None] ** 2 * into
         into_object = np.einsum("mcij,mjk->mcik", into, R)
+        by[..., LINE_TIME] = np.einsum(
+            "mcij,mcj->mci", into, views.rows[..., None] * (velocity + late * acceleration)
+        )
         by[..., PRESSURE] = numeric[..., 9:]
         by[..., COM] = -numeric[..., 9:] - into_object
         self._by_tags(x, views.tag, into_object, by)
@@ -290,6 +296,25 @@ class FlightModel:
             by[seen, ..., first : first + 3] = into_object[seen]
             turn = -np.einsum("mcij,cjk->mcik", into_object[seen], hat(arms[number]))
             by[seen, ..., first + 3 : first + 6] = turn @ _left_jacobian(terms[number, 3:])
+
+
+def _of_corners(path: FlightPath, views: TossViews, arms: Array, gravity: Array) -> tuple[Array, Array]:
+    """Velocities and accelerations (m, 4, 3) of the corners of all views in W [m/s, m/s^2].
+
+    The air's force is left out of the acceleration, which counts for a millisecond.
+
+    Args:
+        path: motion at the times of the frames.
+        views: the views.
+        arms: (m, 4, 3) corners less c in W [m].
+        gravity: (3,) gravity in W [m/s^2].
+    """
+    rate = np.einsum("nij,nj->ni", path.R_world_object, path.spin)
+    change = np.gradient(rate, views.seconds, axis=0)[views.frame][:, None, :]
+    rate = rate[views.frame][:, None, :]
+    turning = np.cross(rate, arms)
+    velocity = path.velocity[views.frame][:, None, :] + turning
+    return velocity, gravity + np.cross(rate, turning) + np.cross(change, arms)
 
 
 def _left_jacobian(vector: Array) -> Array:

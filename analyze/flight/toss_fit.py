@@ -15,6 +15,7 @@ from analyze.flight.flight_model import (
     DRAG,
     FIRST_TAG,
     GRAVITY,
+    LINE_TIME,
     PRESSURE,
     SHAPE,
     TAG_SIZE,
@@ -63,6 +64,8 @@ class FlightPrior:
     """gravity [m/s^2]"""
     gravity_sd: float
     """its 1 sigma [m/s^2]"""
+    line_time_sd: float = 1e-9
+    """1 sigma of the delay from image row to row beyond that of the calibration [s]"""
 
     def mean_and_sd(self, tags: TagSet) -> tuple[Array, Array]:
         """Mean and standard deviation of the unknowns that tosses share, with the places of the tags."""
@@ -75,6 +78,7 @@ class FlightPrior:
         mean[DRAG], sd[DRAG] = DRAG_COEFFICIENT, DRAG_COEFFICIENT_SD
         sd[PRESSURE] = PRESSURE_SHIFT * self.extent
         mean[TAG_SIZE], sd[TAG_SIZE] = 1.0, TAG_SIZE_SD
+        mean[LINE_TIME], sd[LINE_TIME] = 0.0, self.line_time_sd
         places = np.column_stack(
             [np.repeat(tags.place_sd[:, None], 3, 1), np.repeat(tags.turn_sd[:, None], 3, 1)]
         )
