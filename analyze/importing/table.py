@@ -29,8 +29,9 @@ def render_import(prepared: PreparedImport) -> list[str]:
     Returns:
         The remarks that were printed.
     """
-    Terminal().print(_found_table(prepared) if prepared.found is not None else _table(prepared))
-    echo(f"strikes assigned {prepared.assignment.value}{_missing(prepared)}")
+    if prepared.sources:
+        Terminal().print(_found_table(prepared) if prepared.found is not None else _table(prepared))
+        echo(f"strikes assigned {prepared.assignment.value}{_missing(prepared)}")
     if prepared.tosses:
         echo(f"tosses: {', '.join(source.name for source in prepared.tosses)}")
     echo(f"{prepared.rate_hz:.6g} frames per second; {prepared.formats}")
