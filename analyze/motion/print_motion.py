@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 REST_SD = np.array([math.radians(1.5), 3e-3, 3e-3])
 """1 sigma of the pose at rest against the plan: turn about W's z [rad], place along x and y [m]"""
+_WORSE = 0.98
+"""share of the print explained, over the best so far, below which a correction of the pose at rest was wrong"""
 REST_STEPS = 2
 """number of corrections of the pose at rest, each with the strike tracked again"""
 _REST_CONVERGED = np.array([math.radians(0.02), np.inf, 2e-4])
@@ -74,7 +76,7 @@ def print_motion(
     rest = np.mean([images.ideal(frame.image) for frame in frames[:rested]], axis=0).astype(np.float32)
     pivot = placement.R_world_object @ placement.p_object_pivot + placement.p_world_object
     turned = np.zeros(3)
-    poses: list[PrintPose] = []
+    best: tuple[float, Array, list[PrintPose]] | None = None
     for step in range(REST_STEPS + 1):
         # Where the object was put down otherwise, so was its edge: the camera is moved instead.
         before = _moved_camera(camera, pivot, turned)
@@ -85,11 +87,19 @@ def print_motion(
         poses = [follower.add(frame.image) for frame in frames]
         if step == 0:
             _refuse_vague(poses[:rested])
+        explained = float(np.mean([pose.explained for pose in poses]))
+        if best is None or explained > best[0]:
+            best = explained, turned, poses
+        elif explained < _WORSE * best[0]:
+            # Too far: half the way back.
+            turned = 0.5 * (turned + best[1])
+            continue
         correction = _rest_correction(poses[rested:], turned)
-        if step == REST_STEPS or np.all(np.abs(correction) < _REST_CONVERGED):
+        if np.all(np.abs(correction) < _REST_CONVERGED):
             break
         turned = turned + correction
-    return _planar(frames, poses, rested, camera, float(turned[0]))
+    assert best is not None  # noqa: S101 - there is a step
+    return _planar(frames, best[2], rested, camera, float(best[1][0]))
 
 
 def _frames_at_rest(frames: Sequence[ImageFrame], contact_time_ns: int) -> int:

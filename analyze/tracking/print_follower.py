@@ -38,6 +38,8 @@ _SEARCH_BELOW = 0.85
 """mean weight of the points, over the usual one, below which other tips are tried"""
 _SEARCHED_RAD = np.concatenate([np.arange(-8, 0), np.arange(1, 17)]) * 0.008
 """tips that are tried, against the predicted one [rad]"""
+_TRIED = 3
+"""number of the best of these that are fitted"""
 _LOST_BELOW = 0.6
 """mean weight of the points, over the usual one, below which a frame has no fit"""
 _LEAST_SEEN = 40
@@ -104,9 +106,11 @@ class PrintFollower:
         if pose.explained < least:
             coarse = blurred(ideal, BLURS_PX[0])
             tried = start + np.outer(_SEARCHED_RAD, np.eye(6)[THETA])
-            misfit = [self._misfit(coarse, each) for each in tried]
-            again = self._levels(ideal, tried[int(np.argmin(misfit))])
-            pose = max(pose, again, key=_explained)
+            order = np.argsort([self._misfit(coarse, each) for each in tried])
+            for number in order[:_TRIED]:
+                pose = max(pose, self._levels(ideal, tried[number]), key=_explained)
+                if pose.explained >= least:
+                    break
         if pose.explained >= least:
             self._usual += 0.1 * (pose.explained - self._usual)
         if pose.explained >= _LOST_BELOW * self._usual:
