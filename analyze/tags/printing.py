@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,8 @@ from pathlib import Path
 from analyze.errors import TagError
 from analyze.reading.object_file import read_spec
 from analyze.tags import families
+from analyze.tags.mat import mat
+from analyze.tags.mat_pages import mat_pages
 from analyze.tags.pdf import write_pdf
 from analyze.tags.sheet import Board, Page, Tag, board_page, parse_ids, refuse_impossible, tag_pages
 from schemas.wording import counted
@@ -95,6 +98,31 @@ def print_board(options: BoardOptions, output: Path) -> str:
     page = board_page(board, options.paper)
     write_pdf([page], output)
     return _print_message(output, page.caption, [page], options.paper)
+
+
+def print_mat(paper: str, output: Path) -> str:
+    """Write a mat, which lies under the object and shows the camera's pose, as a PDF.
+
+    Args:
+        paper: A4, A3, or A4x3 (three sheets A4 side by side).
+        output: path of the PDF.
+
+    Returns:
+        Line for the user with file, free area [mm], number of pages and paper, and the ruler to measure.
+
+    Raises:
+        TagError: the paper is unknown.
+        OutputError: the file cannot be written.
+    """
+    layout = mat(paper)
+    pages = mat_pages(layout)
+    write_pdf(pages, output)
+    along, across = (2 * math.floor(half) for half in layout.free)
+    sheets = f"{counted(len(pages), 'page')} {paper.partition('x')[0]}"
+    return (
+        f"{output}: mat with room for {along} x {across} mm; {sheets}: print at 100 %, then measure the ruler on "
+        f"the pivot line: {layout.ruler_mm:g} mm"
+    )
 
 
 def parse_board(options: BoardOptions) -> Board:
