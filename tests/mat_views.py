@@ -1,9 +1,9 @@
 """Pictures of the mat on a table, as a phone would take them, for tests and the benchmark of the mat.
 
-The mat is what its PDF paints: the black areas are read from the file's drawing commands. A ray is cast through
-the parts of every pixel, through a lens with radial distortion, onto a sheet that may be curled and not to
-scale, a box on it, and hands in front; blur, vignetting and noise follow. Nothing of it is shared with the
-estimator, nor does it know where the layout puts the tags.
+The mat is what its PDF paints: the black areas are read from the file's drawing commands. A ray is cast
+through the parts of every pixel, through a lens with radial distortion, onto a sheet that may be curled and
+not to scale, a box on it, and hands in front; blur, vignetting and noise follow. Nothing of it is shared with
+the estimator, nor does it know where the layout puts the tags.
 """
 
 from __future__ import annotations
@@ -40,7 +40,9 @@ class Phone:
     @property
     def lens(self) -> CameraModel:
         """The lens as a calibration states it."""
-        K = np.array([[self.focal, 0, self.width / 2 + 2.0], [0, self.focal, self.height / 2 - 3.0], [0, 0, 1]])
+        K = np.array(
+            [[self.focal, 0, self.width / 2 + 2.0], [0, self.focal, self.height / 2 - 3.0], [0, 0, 1]]
+        )
         return CameraModel(self.width, self.height, K, np.array([self.k1, 0, 0, 0, 0]), np.eye(4))
 
 
@@ -89,7 +91,7 @@ def random_paper(random: np.random.Generator, flatness: float = 1.5e-4, scale_sd
 
 
 def looking(eye: np.ndarray, at: np.ndarray, roll: float = 0.0) -> np.ndarray:
-    """Pose (4, 4) in the world of a camera at `eye` [m] that looks at a point, rolled about its axis [rad]."""
+    """Pose (4, 4) in the world of a camera at `eye` [m] that looks at a point, rolled by an angle [rad]."""
     forward = (at - eye) / np.linalg.norm(at - eye)
     right = np.cross(forward, [0, 0, 1.0])
     right /= np.linalg.norm(right)
@@ -107,12 +109,13 @@ def random_view(random: np.random.Generator) -> np.ndarray:
     about = math.radians(random.uniform(-14, 14))
     at = np.array([random.normal(0, 0.012), random.normal(0, 0.01), random.uniform(0.0, 0.04)])
     flat = distance * math.cos(elevation)
-    eye = at + [flat * math.sin(about), -flat * math.cos(about), distance * math.sin(elevation)]
+    high = distance * math.sin(elevation)
+    eye = at + np.array([flat * math.sin(about), -flat * math.cos(about), high])
     return looking(eye, at, random.normal(0, math.radians(2.0)))
 
 
 def bumped(T: np.ndarray, random: np.random.Generator, distance: float, turn: float) -> np.ndarray:
-    """Pose of a camera that was shifted by a distance [m] and turned by an angle [rad], in random directions."""
+    """Pose of a camera shifted by a distance [m] and turned by an angle [rad], in random directions."""
     shift, axis = random.standard_normal((2, 3))
     moved = T.copy()
     moved[:3, 3] += distance * shift / np.linalg.norm(shift)
@@ -143,6 +146,7 @@ def picture(phone: Phone, T: np.ndarray, scene: Scene, random: np.random.Generat
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
 
+@cache
 def _rays(phone: Phone) -> np.ndarray:
     """Directions (n, 3) of the parts of all pixels in the camera's frame, by fixed-point iteration."""
     K = phone.lens.K
@@ -163,11 +167,16 @@ def _table(scene: Scene, eye: np.ndarray, rays: np.ndarray) -> np.ndarray:
         along = (z - eye[2]) / down
         x, y = eye[0] + along * rays[:, 0], eye[1] + along * rays[:, 1]
         z = scene.print_.height(x, y).astype(np.float32)
-    grey = np.where(rays[:, 2] < -1e-4, TABLE + 12 * np.sin(90 * x) * np.sin(140 * y), 90.0).astype(np.float32)
+    grey = np.where(rays[:, 2] < -1e-4, TABLE + 12 * np.sin(90 * x) * np.sin(140 * y), 90.0).astype(
+        np.float32
+    )
     layout = mat(scene.paper)
     order = [1, 0, 2] if len(layout.middles) == 3 else [0]
     for sheet in order:
-        texture, (dx, dy, turn) = _sheets(scene.paper)[sheet], scene.print_.glued[sheet if len(order) > 1 else 1]
+        texture, (dx, dy, turn) = (
+            _sheets(scene.paper)[sheet],
+            scene.print_.glued[sheet if len(order) > 1 else 1],
+        )
         middle = layout.middles[sheet] / 1000
         low, high = layout.width / 2000, layout.height / 2000
         u, v = x / scene.print_.scale - middle - dx, y / scene.print_.scale - dy
@@ -189,7 +198,9 @@ def _sampled(texture: np.ndarray, column: np.ndarray, row: np.ndarray) -> np.nda
     maps = [np.pad(each, (0, pad)).reshape(-1, wide) for each in (column, row)]
     ink = np.concatenate(
         [
-            cv2.remap(texture, maps[0][at : at + 8192], maps[1][at : at + 8192], cv2.INTER_LINEAR, borderValue=255)
+            cv2.remap(
+                texture, maps[0][at : at + 8192], maps[1][at : at + 8192], cv2.INTER_LINEAR, borderValue=255
+            )
             for at in range(0, len(maps[0]), 8192)
         ]
     ).ravel()[: len(column)]
@@ -207,7 +218,9 @@ def _draw_box(grey: np.ndarray, box: tuple, eye: np.ndarray, rays: np.ndarray) -
     grey[hit] = np.array([BOX - 40, BOX, BOX + 45], np.float32)[face]
 
 
-def hidden_half(scene: Scene, phone: Phone, T: np.ndarray, random: np.random.Generator, share: float) -> Scene:
+def half_hidden(
+    scene: Scene, phone: Phone, T: np.ndarray, random: np.random.Generator, share: float
+) -> Scene:
     """Scene with hands in front of about this share of the mat's tags (at most half)."""
     tags = mat(scene.paper).tags
     hidden = random.permutation(len(tags))[: math.floor(share * len(tags))]

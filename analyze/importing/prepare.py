@@ -9,7 +9,7 @@ import math
 import shutil
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,8 @@ from analyze.errors import ImportRefused
 from analyze.importing.assignment import assigned_ids
 from analyze.importing.camera_pose import EstimatedCameraPose, camera_pose_from_strike, mean_camera_pose
 from analyze.importing.found_strikes import FoundStrikes, find_strikes, refuse_unplanned
+from analyze.importing.mat_cameras import mat_cameras
+from analyze.importing.off_place import off_place
 from analyze.importing.onsets import Onset, OnsetFinder
 from analyze.importing.options import ImportOptions
 from analyze.importing.prepared_import import Assignment, PreparedImport, storable_videos
@@ -97,6 +99,10 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
             )
         tips, markers = found_tips(clips, splits), placed_markers(files.spec)
         seen = see_tips(markers, camera, images, clips, tips, progress)
+        lens = camera_from_spec(camera.calibration)
+        mat = mat_cameras(seen.mats, [tip.name for tip in tips], camera, lens)
+        if mat is not None:
+            camera, seen = mat.placed(camera), replace(seen, tags=mat.as_from_one_place(seen.tags))
         views = [view_by_placed_tag(each, markers) for each in seen.tags]
         found: FoundStrikes | None = None
         if struck is None:
@@ -135,12 +141,18 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
             windows,
             splits,
             assignment,
-            (*seen.remarks, *(() if found is None else found.remarks)),
+            (
+                *seen.remarks,
+                *(() if mat is None else mat.remarks),
+                *(() if mat is None or found is not None else off_place(struck.plan, camera, views, windows)),
+                *(() if found is None else found.remarks),
+            ),
             sources[0].rate_hz,
             calibration,
             None if found is None else found.strikes,
             tosses,
             place,
+            mat,
             stack.pop_all(),
         )
 

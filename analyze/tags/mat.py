@@ -1,13 +1,13 @@
 """Layout of the mat: a printed sheet on the table with tags around the object's place, in the world frame W.
 
-The mat defines W: origin in its middle, z out of the print, the pivot line along y, objects tip towards +x and
-the camera stands at -y. Its tags are of the family 5x5_1000, from id 500 on, where tags of objects (36h11) and
-of calibration boards (5x5_100) are not; any two differ in 8 cells of 25 or more, however they are turned. Each
-paper has ids of its own, so that an image shows which mat it is. Tags are twice as long along y as they are
-wide: a camera that looks flat across the table sees them foreshortened to about squares.
+The mat defines W: origin in its middle, z out of the print, the pivot line along y, objects tip towards +x
+and the camera stands at -y. Its tags are of the family 5x5_1000, from id 500 on, where tags of objects
+(36h11) and of calibration boards (5x5_100) are not; any two differ in 8 cells of 25 or more, however they are
+turned. Each paper has ids of its own, so that an image shows which mat it is. Tags are twice as long along y
+as they are wide: a camera that looks flat across the table sees them foreshortened to about squares.
 
-A mat of three sheets (A4x3) is glued together from sheets that are each exact; the middle sheet defines W, the
-place of the outer ones on it is estimated with the camera's pose.
+A mat of three sheets (A4x3) is glued together from sheets that are each exact; the middle sheet defines W,
+the place of the outer ones on it is estimated with the camera's pose.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class MatTag:
 
     @property
     def corners(self) -> Array:
-        """Corners (4, 3) in W [m]: top-left, top-right, bottom-right, bottom-left as printed, +y at the top."""
+        """Corners (4, 3) in W [m]: top-left, top-right, bottom-right, bottom-left as printed, +y at top."""
         half = np.array([self.width, self.height, 0.0]) / 2
         signs = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
         return np.asarray((np.array([self.x, self.y, 0.0]) + signs * half) / 1000, dtype=np.float64)
@@ -126,9 +126,8 @@ class _Frame:
         """Middle and size (x, y, width, height) of every tag, from the left column to the back row."""
         width, height = self.side
         x, pitch = self.x - 9 / 14 * width, 2 * self.y / self.many
-        columns = [
-            (sign * x, self.y - pitch * (n + 0.5), width, height) for sign in (-1, 1) for n in range(self.many)
-        ]
+        heights = [self.y - pitch * (n + 0.5) for n in range(self.many)]
+        columns = [(sign * x, y, width, height) for sign in (-1, 1) for y in heights]
         y = self.y - 9 / 14 * self.row[1]
         return columns + [(x, sign * y, *self.row) for sign in (-1, 1) for x in self.places]
 
@@ -163,15 +162,15 @@ def mat(paper: str) -> Mat:
     frame, (size, middles, reference) = _FRAMES[paper], _SHEETS[paper]
     first = sum(len(_FRAMES[other].rectangles()) for other in MAT_PAPERS[: MAT_PAPERS.index(paper)])
     tags = tuple(
-        MatTag(
-            _IDS[first + number], *rectangle, int(np.argmin([abs(rectangle[0] - middle) for middle in middles]))
-        )
-        for number, rectangle in enumerate(frame.rectangles())
+        MatTag(tag_id, x, y, wide, high, int(np.argmin([abs(x - middle) for middle in middles])))
+        for tag_id, (x, y, wide, high) in zip(_IDS[first:], frame.rectangles(), strict=False)
     )
-    return Mat(paper, *size, middles, reference, tags, frame.free, *_RULERS[paper])
+    ruler, radius = _RULERS[paper]
+    return Mat(paper, size[0], size[1], middles, reference, tags, frame.free, ruler, radius)
 
 
 @cache
 def mat_of_tag(name: int | str) -> Mat | None:
     """The mat that carries the tag of this name; None if no mat does."""
-    return next((mat(paper) for paper in MAT_PAPERS if any(tag.name == name for tag in mat(paper).tags)), None)
+    mats = map(mat, MAT_PAPERS)
+    return next((each for each in mats if any(tag.name == name for tag in each.tags)), None)

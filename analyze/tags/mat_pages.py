@@ -30,7 +30,8 @@ def _page(mat: Mat, sheet: int) -> Page:
     strokes = tuple(
         stroke.moved(-left, mat.height / 2)
         for stroke in (*_marks(mat), *_seams(mat, sheet))
-        if low - 1e-6 <= min(stroke.start[0], stroke.end[0]) and max(stroke.start[0], stroke.end[0]) <= high + 1e-6
+        if low - 1e-6 <= min(stroke.start[0], stroke.end[0])
+        and max(stroke.start[0], stroke.end[0]) <= high + 1e-6
     )
     labels = tuple(
         label.moved(-left, mat.height / 2) for label in _labels(mat, sheet) if low <= label.x <= high
@@ -133,7 +134,11 @@ def _labels(mat: Mat, sheet: int) -> Iterator[Label]:
         sine, cosine = -math.sin(math.radians(degree)), math.cos(math.radians(degree))
         shown = degree if degree <= 180 else degree - 360
         yield Label(
-            (mat.radius - 8.5) * sine, (mat.radius - 8.5) * cosine - 0.9, f"{shown}°".replace("-", "−"), 6, "center"
+            (mat.radius - 8.5) * sine,
+            (mat.radius - 8.5) * cosine - 0.9,
+            f"{shown}°".replace("-", "−"),
+            6,
+            "center",
         )
     yield Label(_TIP_X, -15.6, "objects tip this way", 7, bold=True)
     yield Label(-10.5, -mat.ruler + 8.0, "camera at", 7, "right", bold=True)

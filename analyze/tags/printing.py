@@ -120,8 +120,8 @@ def print_mat(paper: str, output: Path) -> str:
     along, across = (2 * math.floor(half) for half in layout.free)
     sheets = f"{counted(len(pages), 'page')} {paper.partition('x')[0]}"
     return (
-        f"{output}: mat with room for {along} x {across} mm; {sheets}: print at 100 %, then measure the ruler on "
-        f"the pivot line: {layout.ruler_mm:g} mm"
+        f"{output}: mat with room for {along} x {across} mm; {sheets}: print at 100 %, then measure the "
+        f"ruler on the pivot line: {layout.ruler_mm:g} mm"
     )
 
 

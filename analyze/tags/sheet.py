@@ -117,9 +117,7 @@ class Stroke:
 
     def moved(self, x: float, y: float) -> Stroke:
         """Copy of the line, moved by (x, y) [mm]."""
-        start, end = (
-            (point[0] + x, point[1] + y) for point in (self.start, self.end)
-        )
+        start, end = ((point[0] + x, point[1] + y) for point in (self.start, self.end))
         return replace(self, start=start, end=end)
 
 

@@ -90,10 +90,10 @@ def print_tags(options: _PrintTagsOptions) -> None:
 
 
 def _refuse_contradictions(options: _PrintTagsOptions) -> None:
-    """Refuse options of tags, of an object file, of a calibration board and of the mat that do not go together.
+    """Refuse options of tags, of an object file, of a board and of the mat that do not go together.
 
-    `--mat` excludes all others except `--paper`. `--object` excludes `--ids`, `--size-mm`, `--family` and `--board`; `--board` excludes `--ids` and
-    `--size-mm`; `--squares` and `--square-mm` need `--board`.
+    `--mat` excludes all others except `--paper`. `--object` excludes `--ids`, `--size-mm`, `--family` and
+    `--board`; `--board` excludes `--ids` and `--size-mm`; `--squares` and `--square-mm` need `--board`.
 
     Raises:
         click.UsageError: one of these rules is broken.
