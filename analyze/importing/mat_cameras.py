@@ -8,15 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from analyze.calibration.mat_pose import (
-    CameraMove,
-    MatPose,
-    MatView,
-    camera_move,
-    mat_pose,
-    mean_view,
-    read_mat,
-)
+from analyze.calibration.mat_pose import CameraMove, MatPose, camera_move, mat_pose, read_mat, unposed_move
+from analyze.calibration.mat_view import MatView, mean_view
 from analyze.cameras.camera_file import CameraFile
 from analyze.errors import CalibrationError
 from analyze.geometry.rotations import angle_between, inverse_transform, nearest_rotation, transform
@@ -68,16 +61,15 @@ class MatWatch:
         view = mean_view(self.rest)
         if view is None:
             return None
+        after = None if self.last is None else read_mat(self.last.image, self.lens)
+        pose, refusal = None, ""
         try:
             pose = mat_pose(view, self.lens)
-        except CalibrationError as error:
-            return SeenMat(name, None, None, str(error))
-        after = None if self.last is None else read_mat(self.last.image, self.lens)
-        try:
             move = None if after is None else camera_move(pose, mat_pose(after, self.lens), self.lens)
-        except CalibrationError:
-            move = None
-        return SeenMat(name, pose, move)
+        except CalibrationError as error:
+            refusal = str(error)
+            move = None if after is None else unposed_move(view, after)
+        return SeenMat(name, view, pose, move, "" if pose is not None else refusal)
 
 
 @dataclass(frozen=True)
@@ -86,10 +78,12 @@ class SeenMat:
 
     name: str
     """name of the tip"""
+    view: MatView
+    """the mat's tags while the object rests"""
     pose: MatPose | None
     """pose of the camera while the object rests; None if the mat shows too little for one"""
     move: CameraMove | None
-    """difference of the pose in the last image; None if unknown"""
+    """move of the camera until the last image; None if unknown"""
     refusal: str = ""
     """why there is no pose"""
 
@@ -170,6 +164,9 @@ def mat_cameras(
         for number in group:
             own[number] = mean
     most = max(groups, key=len)
+    unknown = dict(_without_pose(seen, most))
+    for number, move in unknown.items():
+        own[number] = None if move.moved else own[most[0]]
     known = [pose for pose in poses if pose is not None]
     T = own[most[0]]
     first = np.eye(4) if T is None else T
@@ -177,6 +174,7 @@ def mat_cameras(
         *_moved_during(seen),
         *_moved_between(groups, moves, names),
         *_unseen(seen, names),
+        *_unposed(seen, unknown, names[most[0]]),
         *_other_than_file(camera, first),
     )
     return MatCameras(
@@ -201,7 +199,9 @@ def _mean(poses: Sequence[Array]) -> Array:
 
 
 def _words(move: CameraMove) -> str:
-    """Words for a move: "4.2 mm and 0.31 deg"."""
+    """Words for a move: "4.2 mm and 0.31 deg", or "3.1 px" if a pose is unknown."""
+    if math.isnan(move.turn):
+        return f"{move.pixels:.1f} px"
     return f"{1000 * move.distance:.1f} mm and {math.degrees(move.turn):.2f} deg"
 
 
@@ -237,9 +237,37 @@ def _unseen(seen: Sequence[SeenMat | None], names: Sequence[str]) -> Iterator[st
             f"{', '.join(without)}: no mat is seen: the camera is taken to stand as in the other {others}: "
             "leave the mat where it is"
         )
-    for each in seen:
-        if each is not None and each.pose is None:
-            yield f"{each.name}: the camera is taken to stand as in the other strikes: {each.refusal}"
+
+
+def _without_pose(seen: Sequence[SeenMat | None], most: Sequence[int]) -> Iterator[tuple[int, CameraMove]]:
+    """Yield each tip whose mat shows no pose, with the tags' shift against most strikes, if any is shared."""
+    first = seen[most[0]]
+    for number, each in enumerate(seen):
+        if each is not None and each.pose is None and first is not None:
+            move = unposed_move(first.view, each.view)
+            if move is not None:
+                yield number, move
+
+
+def _unposed(seen: Sequence[SeenMat | None], moves: dict[int, CameraMove], other: str) -> Iterator[str]:
+    """Yield a remark on each tip whose mat shows too little for a pose.
+
+    Args:
+        seen: the mat in each tip.
+        moves: the tags' shift against most strikes, by the tip's number, where it is known.
+        other: name of one of these strikes.
+    """
+    for number, each in enumerate(seen):
+        if each is None or each.pose is not None:
+            continue
+        move = moves.get(number)
+        if move is not None and move.moved:
+            yield (
+                f"{each.name}: the camera stood otherwise than in {other}, by {_words(move)}, and its pose "
+                f"is not known: leave this strike out, or film it again: {each.refusal}"
+            )
+        else:
+            yield f"{each.name}: the camera is taken to stand as in {other}: {each.refusal}"
 
 
 def _other_than_file(camera: CameraFile, T_world_camera: Array) -> Iterator[str]:

@@ -52,7 +52,10 @@ def filmed_on_mat(bump_m: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Itera
         renderer.draw(large, mat_texture(), (corners - eye) @ R.T)
         return large
 
-    with patch.object(renderer, "background", background), patch.object(renderer, "EYE", renderer.EYE + bump_m):
+    with (
+        patch.object(renderer, "background", background),
+        patch.object(renderer, "EYE", renderer.EYE + bump_m),
+    ):
         R, eye = renderer.camera()
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = R.T, eye
