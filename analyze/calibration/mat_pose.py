@@ -41,6 +41,8 @@ MAX_TURN_SD, MAX_PLACE_SD = math.radians(0.3), 0.003
 """largest standard deviations of a pose, rotation [rad] and place [m]; above them it is refused"""
 SCALE_SD = 1e-3
 """relative standard deviation of the print's scale, by a ruler that was read to a quarter of a millimetre"""
+MAX_SCALE_ERROR = 0.1
+"""largest relative difference of a print from its nominal size that is taken for meant"""
 MAX_CHI = 5.0
 """misfit of a tag's corners, in standard deviations, above which the tag is left out"""
 MAX_PREDICTION_PX = 4.0
@@ -158,16 +160,17 @@ def _predicted_tag(
     return square if is_marker(image, distort(camera, square.corners), tag.name) else None
 
 
-def mat_pose(view: MatView, camera: CameraModel, scale: float = 1.0) -> MatPose:
+def mat_pose(view: MatView, camera: CameraModel, ruler_mm: float | None = None) -> MatPose:
     """Pose of the camera in W from the mat's tags, all corners in one fit.
 
     Args:
         view: the tags in an image, or the mean of several.
         camera: lens of the camera; its pose is not used.
-        scale: length of the printed ruler over its nominal length.
+        ruler_mm: length of the ruler on the pivot line as measured [mm]; None for the nominal one.
 
     Raises:
-        CalibrationError: too few tags are seen, or they leave the pose too uncertain.
+        CalibrationError: too few tags are seen, they leave the pose too uncertain, or the ruler is stated to
+            be of another length by a tenth or more.
     """
     kept = view
     while True:
@@ -178,6 +181,12 @@ def mat_pose(view: MatView, camera: CameraModel, scale: float = 1.0) -> MatPose:
         if chi < MAX_CHI or len(kept.tags) <= MIN_TAGS:
             break
         kept = without_tag(kept, worst)
+    scale = 1.0 if ruler_mm is None else ruler_mm / kept.mat.ruler_mm
+    if not abs(scale - 1.0) < MAX_SCALE_ERROR:
+        raise CalibrationError(
+            f"the mat's ruler is stated to be {ruler_mm:g} mm long, on the {kept.mat.paper} mat it is "
+            f"{kept.mat.ruler_mm:g} mm: measure the one on the pivot line, from end to end"
+        )
     pose = _pose(solution, kept, scale)
     turn, place = float(pose.turn_sd.max()), float(pose.position_sd.max())
     if turn > MAX_TURN_SD or place > MAX_PLACE_SD or chi >= MAX_CHI:
@@ -261,5 +270,6 @@ def _pose(solution: MatSolution, view: MatView, scale: float) -> MatPose:
     T[:3, 3] *= scale
     covariance = solution.covariance.copy()
     covariance[3:, 3:] += SCALE_SD**2 * np.outer(T[:3, 3], T[:3, 3])
-    rms = math.sqrt(float(np.mean(np.sum(solution.residual**2, axis=-1))))
+    squares: Array = np.asarray(np.sum(solution.residual**2, axis=-1), dtype=np.float64)
+    rms = math.sqrt(float(np.mean(squares)))
     return MatPose(T, covariance, solution.noise, view, rms)

@@ -50,6 +50,8 @@ class CalibrateOptions:
     """image of the board on the table; None if the camera's pose is not measured by it"""
     mat: Path | None = None
     """image of the mat on the table; None if the camera's pose is not measured by it"""
+    mat_ruler_mm: float | None = None
+    """length of the mat's ruler as measured on the print [mm]; None for the nominal one"""
     upright: bool = False
     """True if the board stands in the image `table`, False if it lies on the table"""
     mark_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -156,7 +158,7 @@ def calibrate_camera(options: CalibrateOptions, progress: Progress) -> Calibrati
     found = calibrate(shots, options.board, options.model, progress)
     place = None
     if options.mat is not None and not found.undetermined:
-        place = place_by_mat(options.mat, found.lens, found.covariance)
+        place = place_by_mat(options.mat, found.lens, found.covariance, options.mat_ruler_mm)
     elif options.table is not None and not found.undetermined:
         place = _place(options, options.table, found)
     doubts = (*found.doubts, *(() if place is None else implausibilities(place.T_world_camera)))

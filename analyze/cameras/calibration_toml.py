@@ -107,8 +107,8 @@ def refuse_unplaced(rig: Path) -> None:
 def _unplaced(rig: Path) -> CalibrationError:
     """Error for a rig file that has no camera pose, when the calibration does not measure it."""
     return CalibrationError(
-        f"{rig}: has no camera pose (T_world_camera), and none is measured here: add --mat IMAGE, or "
-        "--table IMAGE"
+        f"{rig}: has no camera pose (T_world_camera), and none is measured here: add --table IMAGE, or "
+        "--mat IMAGE"
     )
 
 

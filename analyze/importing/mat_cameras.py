@@ -34,6 +34,8 @@ class MatWatch:
     """lens of the camera"""
     rest_until_ns: int | None
     """time of the last image at rest [ns]; None if all images count as at rest"""
+    ruler_mm: float | None
+    """length of the mat's ruler as measured on the print [mm]; None for the nominal one"""
     rest: list[MatView] = field(default_factory=list[MatView])
     """views of the mat at rest"""
     blind: int = 0
@@ -64,8 +66,12 @@ class MatWatch:
         after = None if self.last is None else read_mat(self.last.image, self.lens)
         pose, refusal = None, ""
         try:
-            pose = mat_pose(view, self.lens)
-            move = None if after is None else camera_move(pose, mat_pose(after, self.lens), self.lens)
+            pose = mat_pose(view, self.lens, self.ruler_mm)
+            move = (
+                None
+                if after is None
+                else camera_move(pose, mat_pose(after, self.lens, self.ruler_mm), self.lens)
+            )
         except CalibrationError as error:
             refusal = str(error)
             move = None if after is None else unposed_move(view, after)

@@ -98,7 +98,7 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
                 for each in zip(options.sources, sources, spools, strict=True)
             )
         tips, markers = found_tips(clips, splits), placed_markers(files.spec)
-        seen = see_tips(markers, camera, images, clips, tips, progress)
+        seen = see_tips(markers, camera, images, clips, tips, progress, options.mat_ruler_mm)
         lens = camera_from_spec(camera.calibration)
         mat = mat_cameras(seen.mats, [tip.name for tip in tips], camera, lens)
         if mat is not None:

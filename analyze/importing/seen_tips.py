@@ -82,6 +82,7 @@ def see_tips(
     clips: Sequence[Clip],
     tips: Sequence[FoundTip],
     progress: Progress,
+    ruler_mm: float | None = None,
 ) -> SeenTips:
     """Pose of each tag at rest in the camera's frame, and the line about which it turns, for each tip.
 
@@ -93,6 +94,7 @@ def see_tips(
         clips: the sources.
         tips: the tips; those without an onset (first motion) have no views.
         progress: called with a text, the number of finished tips and of all.
+        ruler_mm: length of the mat's ruler as measured on the print [mm]; None for the nominal one.
 
     Raises:
         TrackingError: the camera's pose is unknown, and the images show another object, or one of its markers
@@ -109,7 +111,7 @@ def see_tips(
         progress("recognising the strikes", number, len(tips))
         if tip.onset is None:
             views.append(())
-            whole = WatchedImages(images[tip.clip].frames(), MatWatch(lens, None))
+            whole = WatchedImages(images[tip.clip].frames(), MatWatch(lens, None, ruler_mm))
             if clips[tip.clip].last_ns is not None:
                 deque(whole.frames(), maxlen=0)
                 filmed.append((tip.name, whole))
@@ -118,7 +120,7 @@ def see_tips(
         frame_ns = clips[tip.clip].frame_ns
         start_ns, end_ns = window_around(tip.onset, frame_ns)
         until_ns = tip.onset.time_ns + max(MOTION_AFTER_ONSET_NS, round(MOTION_FRAMES * frame_ns))
-        watch = MatWatch(lens, tip.onset.time_ns)
+        watch = MatWatch(lens, tip.onset.time_ns, ruler_mm)
         passing = WatchedImages(images[tip.clip].frames(start_ns, min(until_ns, end_ns)), watch)
         try:
             views.append(tag_views(passing.frames(), tip.onset.time_ns, lens, markers))

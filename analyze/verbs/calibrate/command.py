@@ -40,6 +40,8 @@ class _CalibrateArguments:
     """image of the board on the table, to measure the camera's pose; None if it is not measured"""
     mat: Path | None
     """image of the mat on the table, to measure the camera's pose; None if it is not measured by it"""
+    mat_ruler_mm: float | None
+    """length of the mat's ruler as measured on the print [mm]; None for the nominal one"""
     upright: bool
     """True if the board stands in the image `table`, False if it lies on the table"""
     mark_mm: str
@@ -87,6 +89,12 @@ class _CalibrateArguments:
     metavar="IMAGE",
     help="Image of the mat on the table (analyze print-tags --mat), to measure the camera's pose. With --rig "
     "and without other images the lens is the rig file's.",
+)
+@click.option(
+    "--mat-ruler-mm",
+    type=NumberRange(10, 2000),
+    metavar="MM",
+    help="With --mat: length of the ruler on its pivot line, as measured.  [default: as it should be]",
 )
 @click.option(
     "--upright",
@@ -163,7 +171,7 @@ def _measure_pose(arguments: _CalibrateArguments) -> None:
         raise click.UsageError(
             "--mat with --rig alone measures only the pose: leave -o, --picture and --table out"
         )
-    place = place_of_rig_by_mat(arguments.mat, arguments.rig)
+    place = place_of_rig_by_mat(arguments.mat, arguments.rig, arguments.mat_ruler_mm)
     if arguments.as_json:
         echo(json.dumps(place_json(place), allow_nan=False))
     else:
@@ -183,6 +191,8 @@ def _calibrate_options(arguments: _CalibrateArguments) -> CalibrateOptions:
         raise click.UsageError("--write needs a rig file to write into: add --rig RIG.toml")
     if arguments.table is None and (arguments.upright or arguments.mark_mm != _DEFAULT_MARK):
         raise click.UsageError("--upright and --mark-mm describe the board on the table: add --table IMAGE")
+    if arguments.mat is None and arguments.mat_ruler_mm is not None:
+        raise click.UsageError("--mat-ruler-mm describes the mat: add --mat IMAGE")
     if arguments.mat is not None and arguments.table is not None:
         raise click.UsageError("--mat and --table both measure the camera's pose: give one of them")
     if arguments.write and arguments.rig is not None and arguments.table is None and arguments.mat is None:
@@ -196,6 +206,7 @@ def _calibrate_options(arguments: _CalibrateArguments) -> CalibrateOptions:
         LensModel(arguments.model),
         arguments.table,
         arguments.mat,
+        arguments.mat_ruler_mm,
         arguments.upright,
         parse_mark(arguments.mark_mm),
         arguments.rig,

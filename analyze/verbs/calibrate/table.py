@@ -111,7 +111,7 @@ def notes(answer: CalibrationAnswer) -> list[str]:
     lines: list[str] = []
     if answer.place is not None and answer.options.mat is not None:
         lines.append(
-            "the sd of the camera's pose holds for a mat whose ruler was measured, taped flat: 0.1 % of scale, "
+            "the pose's sd holds for a mat whose ruler was measured, taped flat: 0.1 % of scale, "
             "0.15 mm of curl"
         )
     elif answer.place is not None:
@@ -128,7 +128,7 @@ def notes(answer: CalibrationAnswer) -> list[str]:
         or_kept = "" if answer.rig is not None else ", or --rig RIG.toml to keep the rig's"
         lines.append(
             "the camera's pose (T_world_camera) was not measured: for videos `analyze import` finds it from "
-            f"the object at rest, or from a mat; for a rig give --mat IMAGE or --table IMAGE{or_kept}"
+            f"the object at rest, or from a mat; for a rig give --table IMAGE or --mat IMAGE{or_kept}"
         )
     if answer.rig is None and answer.place is None:
         return lines
