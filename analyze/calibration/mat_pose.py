@@ -185,7 +185,7 @@ def mat_pose(view: MatView, camera: CameraModel, ruler_mm: float | None = None) 
     if not abs(scale - 1.0) < MAX_SCALE_ERROR:
         raise CalibrationError(
             f"the mat's ruler is stated to be {ruler_mm:g} mm long, on the {kept.mat.paper} mat it is "
-            f"{kept.mat.ruler_mm:g} mm: measure the one on the pivot line, from end to end"
+            f"{kept.mat.ruler_mm:g} mm: measure the one on the pivot line, between its outermost numbers"
         )
     pose = _pose(solution, kept, scale)
     turn, place = float(pose.turn_sd.max()), float(pose.position_sd.max())

@@ -142,7 +142,7 @@ _SHEETS = {
     "A3": (_LANDSCAPE_A3, (0.0,), 0),
     "A4x3": (_PORTRAIT_A4, (-186.0, 0.0, 186.0), 1),
 }
-_RULERS = {"A4": (90.0, 44.0), "A3": (130.0, 70.0), "A4x3": (130.0, 66.0)}
+_RULERS = {"A4": (90.0, 47.5), "A3": (130.0, 77.5), "A4x3": (130.0, 67.5)}
 MAT_PAPERS = tuple(_FRAMES)
 """Names of the papers of mats; A4x3 is three sheets A4 side by side."""
 

@@ -13,8 +13,9 @@ _PIVOT_MM, _FINE_MM = 0.35, 0.12
 """widths of the pivot line and of fine marks [mm]"""
 _ARROW_MM = 3.0
 """length of an arrow's head [mm]"""
-_TIP_X = 12.0
-"""start of the arrow that shows where objects tip, and of its text [mm]"""
+_TIP_X, _ROOM_INSIDE = 12.0, 60.0
+"""start of the arrow that shows where objects tip, and of its text [mm], inside angle marks of at least this
+radius [mm]; outside smaller ones"""
 
 
 def mat_pages(mat: Mat) -> list[Page]:
@@ -78,7 +79,7 @@ def _marks(mat: Mat) -> Iterator[Stroke]:
         sine, cosine = -math.sin(math.radians(degree)), math.cos(math.radians(degree))
         ends = [((mat.radius - each) * sine, (mat.radius - each) * cosine) for each in (reach, 0.0)]
         yield Stroke(ends[0], ends[1], _FINE_MM, grey=True)
-    yield from _arrow((_TIP_X, -11.5), (_TIP_X + 22.0, -11.5))
+    yield from _arrow((_tip_x(mat), -11.5), (_tip_x(mat) + 22.0, -11.5))
     yield from _arrow((-9.0, -mat.ruler + 2.0), (-9.0, -mat.ruler + 14.0))
 
 
@@ -90,6 +91,11 @@ def _tick(mm: int) -> float:
 def _across(mat: Mat) -> float:
     """Half length of the ruler across the pivot line, whole tens that fit between the tags [mm]."""
     return 10.0 * math.floor((mat.free[0] - 4.0) / 10.0)
+
+
+def _tip_x(mat: Mat) -> float:
+    """Start of the arrow that shows where objects tip, and of its text [mm]."""
+    return _TIP_X if mat.radius > _ROOM_INSIDE else mat.radius + 6.0
 
 
 def _arrow(tail: tuple[float, float], tip: tuple[float, float]) -> Iterator[Stroke]:
@@ -140,19 +146,18 @@ def _labels(mat: Mat, sheet: int) -> Iterator[Label]:
             6,
             "center",
         )
-    yield Label(_TIP_X, -15.6, "objects tip this way", 7, bold=True)
+    yield Label(_tip_x(mat), -15.6, "objects tip this way", 7, bold=True)
     yield Label(-10.5, -mat.ruler + 8.0, "camera at", 7, "right", bold=True)
     yield Label(-10.5, -mat.ruler + 4.6, "this end", 7, "right", bold=True)
     yield from _words(mat)
     if sheet != mat.reference:
         low, high = mat.sheet_edges(sheet)
+        name = "left" if sheet < mat.reference else "right"
+        middle, cut = (low + high) / 2, "Cut along the dashed line, and glue it on the middle sheet's line."
         yield Label(
-            (low + high) / 2,
-            mat.free[1] - 6.0,
-            "cut along the dashed line, glue it on the line of the middle sheet",
-            6.5,
-            "center",
+            middle, mat.free[1] - 5.0, f"Percuss mat {mat.paper}, {name} sheet", 9, "center", bold=True
         )
+        yield Label(middle, mat.free[1] - 9.6, cut, 6, "center")
 
 
 def _words(mat: Mat) -> Iterator[Label]:
@@ -163,8 +168,8 @@ def _words(mat: Mat) -> Iterator[Label]:
     yield Label(x, y, f"Percuss mat {mat.paper}{sheets}", 9, bold=True)
     ruler = f"{mat.ruler_mm:.1f} mm"
     lines = (
-        "Print at 100 %. The ruler on the pivot",
-        f"line must be {ruler} long, from end to end.",
+        f"Print at 100 %: on the pivot line, −{mat.ruler:g} to {mat.ruler:g}",
+        f"must be {ruler} long.",
         "Tape the sheet flat on the table.",
         "Put the object on it: pivot edge on the line.",
     )
