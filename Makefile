@@ -13,7 +13,11 @@ OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(basename $(notdir $(OBJECT)))-$(SEED).mcap
 
+<<<<<<< HEAD
 .PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-console bench-honesty bench-contents bench-adaptive attack bench-world-sessions bench-batch bench-import bench-unplanned bench-world bench-world-strikes bench-devices bench-read-rate bench-late-stamps bench-servo-safety protos lock clean bench-contact bench-tosses bench-mat
+=======
+.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-console bench-honesty bench-contents bench-adaptive attack bench-world-sessions bench-batch bench-import bench-unplanned bench-world bench-world-strikes bench-devices bench-read-rate bench-late-stamps bench-servo-safety protos lock clean bench-contact bench-tosses bench-thrown bench-toss-time bench-import-tosses
+>>>>>>> 10f4367628f44ab9e2f90c7830ae4cc08b3437be
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -227,6 +231,17 @@ bench-devices: setup  ## every make of camera, webcam, model of servo and strike
 TOSSES ?=
 bench-tosses: setup  ## nine tips and three tosses through images, five objects x 20 seeds: the whole tensor beside the truth; bad tosses (TOSSES="--seeds 4") (an hour)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.tosses $(TOSSES)
+
+bench-toss-time: setup  ## CPU time per frame of nine strikes with and without three tosses (two minutes)
+	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.toss_time
+
+IMPORT_TOSSES ?=
+bench-import-tosses: setup  ## rendered phone videos of strikes and tosses, imported and estimated (IMPORT_TOSSES="--seeds 2") (20 minutes)
+	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.import_tosses $(IMPORT_TOSSES)
+
+THROWN ?=
+bench-thrown: setup  ## left-out tosses thrown in MuJoCo, beside uniform and shell bodies, five objects x 2 seeds (THROWN="--seeds 1") (fifteen minutes)
+	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.thrown $(THROWN)
 
 bench-read-rate: setup  ## error of a contact's time by the delay of the servo's adapter (three minutes)
 	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.read_rate

@@ -62,8 +62,13 @@ OWNERS = {
         "analyze/verbs/calibrate/picture.py",
     },
     "mcap": {"acquire/recorder/", "analyze/reading/recording.py", "analyze/sources/message_files.py"},
-    # The second reads files back, the third simulates strikes that the estimate left out; no estimator does.
-    "mujoco": {"acquire/virtual/", "analyze/export/read_back.py", "analyze/predict/scene.py"},
+    # The second reads files back, the others simulate what the estimate left out; no estimator does.
+    "mujoco": {
+        "acquire/virtual/",
+        "analyze/export/read_back.py",
+        "analyze/predict/scene.py",
+        "analyze/predict/thrown.py",
+    },
     "pxr": {"analyze/export/"},
     "rod": {"analyze/export/read_back.py"},
     "yourdfpy": {"analyze/export/read_back.py"},

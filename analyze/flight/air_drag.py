@@ -46,23 +46,35 @@ class HullPanels:
         """Mean area [m^2] of the hull's shadow: a quarter of its surface (Cauchy 1841)."""
         return 0.25 * float(self.areas.sum())
 
-    def load(self, velocity: Array, spin: Array, com: Array, mass: float) -> tuple[Array, Array]:
-        """Force (n, 3) [N/kg] and moment about c (n, 3) [N m/kg] of the air, for a coefficient of 1.
-
-        Both are in the object frame O, for n states of the body.
-
-        Args:
-            velocity: (n, 3) velocity of c in O [m/s].
-            spin: (n, 3) angular velocity in O [rad/s].
-            com: (3,) centre of mass c in O [m].
-            mass: mass of the body [kg].
-        """
+    def load_about(self, com: Array, mass: float) -> AirLoad:
+        """Air's load on the body with the centre of mass `com` (3,) [m, in O] and a mass [kg]."""
         arms = self.points - com
-        moved = velocity[:, None, :] + cross(spin[:, None, :], arms[None])
-        against = np.maximum(np.sum(self.normals * moved, axis=-1), 0.0)
-        speed = np.linalg.norm(moved, axis=-1) if self.oblique else against
-        pressure = (-0.5 * AIR_DENSITY / mass) * self.areas * against * speed
-        return pressure @ self.normals, pressure @ cross(arms, self.normals)
+        wrench = np.hstack([self.normals, cross(arms, self.normals)])
+        return AirLoad(arms, wrench, (-0.5 * AIR_DENSITY / mass) * self.areas, self.oblique)
+
+
+@dataclass(frozen=True)
+class AirLoad:
+    """Force [N/kg] and moment about c [N m/kg] of the air in O, for a coefficient of 1."""
+
+    arms: Array
+    """(p, 3) panels' centres seen from c [m, in O]"""
+    wrench: Array
+    """(p, 6) panels' normals, and the moments of a force of 1 along each about c"""
+    scale: Array
+    """(p,) factor of the panels' pressures [kg/m per kg of the body]"""
+    oblique: bool
+    """True for the second law, by which the air presses more on panels that move obliquely"""
+
+    def __call__(self, motion: Array | tuple[float, ...]) -> Array:
+        """Force and moment (..., 6) at velocities of c and angular velocities (..., 6) in O [m/s, rad/s]."""
+        motion = np.asarray(motion)
+        against = np.maximum(motion @ self.wrench.T, 0.0)
+        speed = against
+        if self.oblique:
+            moved = motion[..., None, :3] + cross(motion[..., None, 3:], self.arms)
+            speed = np.sqrt(np.sum(moved**2, axis=-1))
+        return (self.scale * against * speed) @ self.wrench
 
 
 def hull_panels(hull_vertices: Array) -> HullPanels:

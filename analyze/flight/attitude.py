@@ -6,7 +6,6 @@ the object frame O. Attitudes are unit quaternions wxyz of the rotation from O t
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,9 +15,6 @@ if TYPE_CHECKING:
 
 STEP_RAD = 0.2
 """largest turn of the fastest body in a step of the integration [rad]: an error of some 1e-6 rad"""
-Torque = Callable[["Array", "Array", "Array"], "Array"]
-"""moment in O on f bodies, (v, f, 3) or (f, 3), as a function of the attitudes (f, 4) and angular velocities
-(f, 3) in O [rad/s] of the first set of unknowns, and of the times (f,) [s]"""
 
 
 def rotated_attitudes(
@@ -26,26 +22,18 @@ def rotated_attitudes(
     spin: Array,
     inertia: Array,
     time: Array,
-    torque: Torque | None = None,
 ) -> tuple[Array, Array]:
     """Attitudes (v, f, n, 4) and angular velocities (v, f, n, 3) of f bodies, for v sets of unknowns.
 
-    Runge-Kutta of the fourth order, in steps of at most `STEP_RAD`. The torque is that of the middle of each
-    step, for the first set of unknowns; it acts in the object frame.
+    No moment acts. Runge-Kutta of the fourth order, in steps of at most `STEP_RAD`.
 
     Args:
         attitude: (v, f, 4) quaternions wxyz from O to W at the first time.
         spin: (v, f, 3) angular velocity in O there [rad/s].
-        inertia: (v, 3, 3) tensor in O about the centre of mass; up to its factor where there is no torque.
+        inertia: (v, 3, 3) tensor in O about the centre of mass, up to its factor.
         time: (f, n) times [s]; equal ones at the end of a shorter motion.
-        torque: moment on the bodies, in units of the inertia times rad/s^2; None for torque-free rotation.
     """
     inverse = np.asarray(np.linalg.inv(inertia), dtype=np.float64)
-
-    def rates(q: Array, w: Array, moment: Array | float) -> tuple[Array, Array]:
-        whole = cross(w @ inertia, w) + moment  # the tensors are symmetric
-        return 0.5 * times_vector(q, w), whole @ inverse
-
     path = np.empty((*attitude.shape[:2], time.shape[1], 4))
     spins = np.empty((*attitude.shape[:2], time.shape[1], 3))
     path[:, :, 0], spins[:, :, 0] = attitude, spin
@@ -56,21 +44,36 @@ def rotated_attitudes(
         pieces = max(1, int(np.ceil(float(np.abs(gap).max()) * fastest / STEP_RAD)))
         step = gap / pieces
         h = step[None, :, None]
-        for piece in range(pieces):
-            t = time[:, frame - 1] + piece * step
-            moment = 0.0
-            if torque is not None:
-                halfway = q[0] + 0.25 * h[0] * times_vector(q[0], w[0])
-                moment = torque(halfway, w[0], t + 0.5 * step)
-            q1, w1 = rates(q, w, moment)
-            q2, w2 = rates(q + 0.5 * h * q1, w + 0.5 * h * w1, moment)
-            q3, w3 = rates(q + 0.5 * h * q2, w + 0.5 * h * w2, moment)
-            q4, w4 = rates(q + h * q3, w + h * w3, moment)
-            q = q + h / 6 * (q1 + 2 * q2 + 2 * q3 + q4)
-            w = w + h / 6 * (w1 + 2 * w2 + 2 * w3 + w4)
+        for _ in range(pieces):
+            q, w = rotation_step(q, w, inertia, inverse, h)
             q = q / np.sqrt(np.einsum("vfi,vfi->vf", q, q))[..., None]
         path[:, :, frame], spins[:, :, frame] = q, w
     return path, spins
+
+
+def rotation_step(
+    q: Array, w: Array, inertia: Array, inverse: Array, h: Array, moment: Array | float = 0.0
+) -> tuple[Array, Array]:
+    """Attitudes (v, f, 4), not normalised, and angular velocities (v, f, 3) after one Runge-Kutta step.
+
+    Args:
+        q: (v, f, 4) attitudes before the step.
+        w: (v, f, 3) angular velocities in O [rad/s].
+        inertia: (v, 3, 3) tensors in O about the centre of mass.
+        inverse: (v, 3, 3) their inverses.
+        h: (1, f, 1) lengths of the steps [s].
+        moment: (v, f, 3) constant moment in O, in units of the inertia times rad/s^2.
+    """
+
+    def rates(q: Array, w: Array) -> tuple[Array, Array]:
+        whole = cross(w @ inertia, w) + moment  # the tensors are symmetric
+        return 0.5 * times_vector(q, w), whole @ inverse
+
+    q1, w1 = rates(q, w)
+    q2, w2 = rates(q + 0.5 * h * q1, w + 0.5 * h * w1)
+    q3, w3 = rates(q + 0.5 * h * q2, w + 0.5 * h * w2)
+    q4, w4 = rates(q + h * q3, w + h * w3)
+    return q + h / 6 * (q1 + 2 * q2 + 2 * q3 + q4), w + h / 6 * (w1 + 2 * w2 + 2 * w3 + w4)
 
 
 def cross(a: Array, b: Array) -> Array:

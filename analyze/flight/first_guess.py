@@ -20,11 +20,16 @@ if TYPE_CHECKING:
     from analyze.types import Array, CameraModel
 
 _TRIED_FRAMES, _LAGS = 6, (1, 3)
-"""number of frames whose poses are tried, and of frames from each to the one that gives the spin"""
+"""number of frames whose poses are tried, and of frames from each to the one that gives the spin; of every
+n-th frame only where frames are less than `_APART_S` apart"""
+_APART_S = 0.006
+"""least time between frames from whose poses the spin is taken [s]"""
 _FITTED_GUESSES = 2
 """number of the best guesses that are fitted"""
 _MAX_STEPS = 12
 """number of steps after which the fit to a guess ends"""
+_LEAST_GAIN = 1.0
+"""decrease of chi^2 in a step below which it ends as well"""
 _GOOD_PX = 0.5
 """rms residual of a fit to a guess [px] below which no further guess is fitted"""
 _CLIP_PX = 40.0
@@ -78,7 +83,8 @@ def first_fit(
     line, *_ = np.linalg.lstsq(np.column_stack([np.ones_like(time), time]), fallen, rcond=None)
     shared = prior.mean_and_sd(tags)[0]
     guesses: list[tuple[float, TossStart]] = []
-    for first, lag in product(range(min(_TRIED_FRAMES, len(R) - 1)), _LAGS):
+    every = max(1, int(np.ceil(_APART_S / np.median(np.diff(time)))))
+    for first, lag in product(range(0, every * _TRIED_FRAMES, every), every * np.array(_LAGS)):
         if first + lag >= len(R):
             continue
         turn = vector_from_matrix(R[first].T @ R[first + lag])
@@ -88,7 +94,8 @@ def first_fit(
     best = sorted(guesses, key=lambda each: each[0])[:_FITTED_GUESSES]
     fits: list[TossFit] = []
     for _, start in best:
-        fits.append(fit_tosses(body, prior, camera, tags, [(views, start)], max_steps=_MAX_STEPS))
+        toss = [(views, start)]
+        fits.append(fit_tosses(body, prior, camera, tags, toss, max_steps=_MAX_STEPS, least_gain=_LEAST_GAIN))
         if float(np.sqrt(np.mean(fits[-1].residual ** 2))) < _GOOD_PX:
             break
     return min(fits, key=lambda fit: fit.cost)

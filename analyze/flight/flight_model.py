@@ -15,13 +15,14 @@ air's moment knows, is taken from the shape. Frames: O (object), W (world), C (c
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from analyze.flight.air_drag import AIR_DENSITY, HullPanels
-from analyze.flight.attitude import cross, rotated_attitudes, small_rotation
+from analyze.flight.tumbling import STEP, Air, tumble
 from analyze.geometry.rotations import hat, matrix_from_vector, matrix_from_wxyz, wxyz_from_matrix
 from analyze.geometry.second_moments import unit_inertia, with_size
 from analyze.tracking.camera_model import project_ideal, project_jacobian, world_to_camera
@@ -35,22 +36,16 @@ if TYPE_CHECKING:
 COM, SHAPE, GRAVITY, DRAG = slice(0, 3), slice(3, 8), slice(8, 11), slice(11, 13)
 """places among the unknowns: c [m, in O], five numbers of the tensor's shape, gravity [m/s^2, in W],
 coefficients of the air's force and moment"""
-PRESSURE, TAG_SIZE = slice(13, 16), 16
-"""places of the shift of the air's force against where the law has it [m, in O], and of the size of the tags
-over the stated one"""
-FIRST_TAG, TAG_TERMS = 17, 6
+PRESSURE, TAG_SIZE, LINE_TIME = slice(13, 16), 16, 17
+"""places of the shift of the air's force against where the law has it [m, in O], of the size of the tags over
+the stated one, and of the delay from image row to row beyond that of the calibration [s]"""
+FIRST_TAG, TAG_TERMS = 18, 6
 """place of the first tag's unknowns; of each tag: shift of the centre [m] and turn [rad], in O"""
 TURN, SPIN, PLACE, VELOCITY = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 """places among a toss's own unknowns, at its first frame: turn against the first guess [rad, in W], angular
 velocity [rad/s, in O], place of c [m, in W] and its velocity [m/s, in W]"""
 TOSS_TERMS = 12
 """number of a toss's own unknowns"""
-_STEP = 1e-5
-"""step of the numerical derivatives by spin [rad/s], shape and shift [m]"""
-_DRAG_STEP = 1e-2
-"""step of the numerical derivative by the coefficient of the air's moment"""
-_VARIANTS = 13
-"""number of sets of unknowns: the nominal one, then spin (3), shape (5), air moment, its shift (3) moved"""
 
 
 @dataclass(frozen=True)
@@ -126,60 +121,45 @@ def fly(
         own: (f, 12) unknowns of the tosses.
         times: times (n,) of each toss, from the first on [s].
     """
-    attitude = wxyz_from_matrix(matrix_from_vector(own[:, TURN]) @ bases)
-    spin = np.tile(own[:, SPIN], (_VARIANTS, 1, 1))
-    spin[1:4] += _STEP * np.eye(3)[:, None, :]
-    shape = np.tile(shared[SHAPE], (_VARIANTS, 1))
-    shape[4:9] += _STEP * np.eye(5)
+    attitudes = wxyz_from_matrix(matrix_from_vector(own[:, TURN]) @ bases)
+    shape = np.tile(shared[SHAPE], (6, 1))
+    shape[1:] += STEP * np.eye(5)
     inertia = np.array([unit_inertia(with_size(each, body.log_size))[0] for each in shape])
-    factor = np.full((_VARIANTS, 1, 1), shared[DRAG][1])
-    factor[9] += _DRAG_STEP
-    shift = np.tile(shared[PRESSURE], (_VARIANTS, 1, 1))
-    shift[10:, 0] += _STEP * np.eye(3)
+    load = body.panels.load_about(shared[COM], body.mass)
     velocity = _slowed(body, shared, own, np.array([time[-1] for time in times]))
-
-    def torque(q: Array, w: Array, t: Array) -> Array:
-        in_object = np.einsum("fji,fj->fi", matrix_from_wxyz(q), velocity(t[:, None])[:, 0])
-        force, moment = body.panels.load(in_object, w, shared[COM], body.mass)
-        return factor * (moment + cross(shift, force))
-
-    longest = max(map(len, times))
-    padded = np.array([np.append(time, [time[-1]] * (longest - len(time))) for time in times])
-    path, spins = rotated_attitudes(np.tile(attitude, (_VARIANTS, 1, 1)), spin, inertia, padded, torque)
-    velocities = velocity(padded)
-    return [
-        _path(body, shared, own[i], time, path[:, i, : len(time)], spins[0, i, : len(time)], velocities[i])
-        for i, time in enumerate(times)
-    ]
+    paths: list[FlightPath] = []
+    for i, time in enumerate(times):
+        air = Air(load, partial(velocity, i), float(shared[DRAG][1]), shared[PRESSURE])
+        path, spin, turns = tumble(attitudes[i], own[i, SPIN], inertia, time, air)
+        paths.append(_path(shared, own[i], time, path, spin, turns, air))
+    return paths
 
 
 def _path(
-    body: ThrownBody, shared: Array, own: Array, time: Array, attitudes: Array, spin: Array, velocity: Array
+    shared: Array, own: Array, time: Array, attitudes: Array, spin: Array, turns: Array, air: Air
 ) -> FlightPath:
-    """Motion of one toss, from the attitudes (v, n, 4) of all sets of unknowns.
+    """Motion of one toss, from its attitudes.
 
     Args:
-        body: hull and mass.
         shared: unknowns of the body.
         own: (12,) unknowns of the toss.
         time: (n,) times [s].
-        attitudes: (v, n, 4) quaternions wxyz from O to W.
+        attitudes: (n, 4) quaternions wxyz from O to W.
         spin: (n, 3) angular velocity in O [rad/s].
-        velocity: (n or more, 3) velocity of c in W for the air's load [m/s].
+        turns: (n, 3, 12) derivatives of the attitudes, as in `FlightPath`.
+        air: the air's load.
     """
-    R = matrix_from_wxyz(attitudes[0])
-    in_object = np.einsum("nji,nj->ni", R, velocity[: len(time)])
-    force = body.panels.load(in_object, spin, shared[COM], body.mass)[0]
+    R = matrix_from_wxyz(attitudes)
+    in_object = np.einsum("nji,nj->ni", R, air.velocity(time))
+    force = air.load(np.hstack([in_object, spin]))[:, :3]
     slowing = CubicSpline(time, np.nan_to_num(np.einsum("nij,nj->ni", R, force))).antiderivative()
     drag = slowing.antiderivative()(time)
-    steps = np.array([*[_STEP] * 8, _DRAG_STEP, *[_STEP] * 3])
-    turns = np.einsum("nij,knj->nik", R, small_rotation(attitudes[1:], attitudes[0])) / steps
     place = own[PLACE] + np.outer(time, own[VELOCITY]) + 0.5 * np.outer(time**2, shared[GRAVITY])
     speed = own[VELOCITY] + np.outer(time, shared[GRAVITY]) + shared[DRAG][0] * slowing(time)
     return FlightPath(R, spin, place + shared[DRAG][0] * drag, speed, turns, drag)
 
 
-def _slowed(body: ThrownBody, shared: Array, own: Array, ends: Array) -> Callable[[Array], Array]:
+def _slowed(body: ThrownBody, shared: Array, own: Array, ends: Array) -> Callable[[int, Array], Array]:
     """Velocity of c in W [m/s] in f tosses, for the air's load: slowed as by a mean shadow's drag.
 
     A body that tumbles shows its mean shadow; Newton's law presses it on average with half the coefficient.
@@ -191,7 +171,7 @@ def _slowed(body: ThrownBody, shared: Array, own: Array, ends: Array) -> Callabl
         ends: (f,) last times [s].
 
     Returns:
-        Function from times (f, n) [s] to velocities (f, n, 3).
+        Function from the number of a toss and times (n,) [s] to velocities (n, 3).
     """
     slowing = 0.25 * AIR_DENSITY * shared[DRAG][0] * body.panels.mean_shadow / body.mass
     step = ends[:, None] / 15.0
@@ -207,8 +187,8 @@ def _slowed(body: ThrownBody, shared: Array, own: Array, ends: Array) -> Callabl
     powers = np.linalg.lstsq(share[:, None] ** np.arange(5), np.array(path).reshape(16, -1), rcond=None)[0]
     powers = powers.reshape(5, len(own), 3)
 
-    def at(t: Array) -> Array:
-        return np.einsum("fnp,pfi->fni", (t / ends[:, None])[..., None] ** np.arange(5), powers)
+    def at(toss: int, t: Array) -> Array:
+        return (t / ends[toss])[:, None] ** np.arange(5) @ powers[:, toss]
 
     return at
 
@@ -277,7 +257,10 @@ class FlightModel:
         corners = self.corners(x)[views.tag]
         R = path.R_world_object[views.frame]
         arms = np.einsum("mij,mcj->mci", R, corners - x[COM])
-        in_camera = (path.place[views.frame][:, None, :] + arms) @ R_camera_world.T + p_camera_world
+        velocity, acceleration = _of_corners(path, views, arms, x[GRAVITY])
+        late = (x[LINE_TIME] * views.rows)[..., None]
+        moved = arms + late * velocity + 0.5 * late**2 * acceleration
+        in_camera = (path.place[views.frame][:, None, :] + moved) @ R_camera_world.T + p_camera_world
         pixels = project_ideal(self.camera, in_camera)
         into = np.einsum("mcij,jk->mcik", project_jacobian(self.camera, in_camera), R_camera_world)
         by = np.zeros((*pixels.shape, self.count))
@@ -294,6 +277,9 @@ class FlightModel:
         )
         by[..., GRAVITY] = 0.5 * time[:, None, None, None] ** 2 * into
         into_object = np.einsum("mcij,mjk->mcik", into, R)
+        by[..., LINE_TIME] = np.einsum(
+            "mcij,mcj->mci", into, views.rows[..., None] * (velocity + late * acceleration)
+        )
         by[..., PRESSURE] = numeric[..., 9:]
         by[..., COM] = -numeric[..., 9:] - into_object
         self._by_tags(x, views.tag, into_object, by)
@@ -310,6 +296,25 @@ class FlightModel:
             by[seen, ..., first : first + 3] = into_object[seen]
             turn = -np.einsum("mcij,cjk->mcik", into_object[seen], hat(arms[number]))
             by[seen, ..., first + 3 : first + 6] = turn @ _left_jacobian(terms[number, 3:])
+
+
+def _of_corners(path: FlightPath, views: TossViews, arms: Array, gravity: Array) -> tuple[Array, Array]:
+    """Velocities and accelerations (m, 4, 3) of the corners of all views in W [m/s, m/s^2].
+
+    The air's force is left out of the acceleration, which counts for a millisecond.
+
+    Args:
+        path: motion at the times of the frames.
+        views: the views.
+        arms: (m, 4, 3) corners less c in W [m].
+        gravity: (3,) gravity in W [m/s^2].
+    """
+    rate = np.einsum("nij,nj->ni", path.R_world_object, path.spin)
+    change = np.gradient(rate, views.seconds, axis=0)[views.frame][:, None, :]
+    rate = rate[views.frame][:, None, :]
+    turning = np.cross(rate, arms)
+    velocity = path.velocity[views.frame][:, None, :] + turning
+    return velocity, gravity + np.cross(rate, turning) + np.cross(change, arms)
 
 
 def _left_jacobian(vector: Array) -> Array:

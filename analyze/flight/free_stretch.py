@@ -12,10 +12,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.flight.first_guess import body_poses, first_fit
-from analyze.flight.flight_model import FlightModel
+from analyze.flight.flight_model import GRAVITY, SHAPE, FlightModel, TossStart
 from analyze.flight.toss_fit import FlightPrior, TossFit, fit_tosses
+from analyze.geometry.rotations import matrix_from_vector
+from analyze.geometry.second_moments import unit_inertia, with_size
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from analyze.flight.flight_model import ThrownBody
     from analyze.flight.views import TagSet, TossViews
     from analyze.types import Array, CameraModel
@@ -32,16 +36,23 @@ _FREE_RATIO = 2.0
 """largest rms residual of a free stretch, in those standard deviations"""
 _END_FRAMES = 3
 """number of frames at an end of a flight whose residuals are judged together"""
-_END_RATIO = 2.5
-"""rms residual of the frames at an end, over that of all frames, above which they are cut off"""
-_CORE_FRAMES, _ADDED_FRAMES = 16, 16
-"""frames that are fitted at first, and most frames added at once"""
-_SKIPPED_FRAMES, _MAX_LATE_FRAMES = 2, 20
-"""frames left out at once at the start if the first do not fit, and at most"""
-_MAX_CORE_PX, _MAX_GROWTH = 1.0, 1.6
-"""largest rms residual of the first frames [px], and its largest growth by frames that are added"""
+_END_RATIO = 3.0
+"""rms residual of the frames at an end, over the median of all frames, above which they are cut off"""
+_CORE_FRAMES, _CORE_S = 16, 0.13
+"""number of frames that are fitted at first, and added at most at once, and the time that they cover where
+that takes more"""
+_MAX_CORES = 6
+"""largest number of places where first frames are tried, half of them apart, from the middle of the stretch
+outwards"""
+_GOOD_CORE, _MAX_CORE_PX = 2.5, 1.0
+"""rms residual of the first frames, in their sd, with which no other place is tried, and the largest one of
+the best place [px]"""
+_MAX_GROWTH = 1.6
+"""largest growth of the rms residual by frames that are added"""
 _MAX_STEPS = 6
 """number of steps after which the fit to a flight that grows ends"""
+_LEAST_GAIN = 1.0
+"""decrease of chi^2 in a step below which it ends as well"""
 _MAX_PREDICTED_PX = 8.0
 """largest median distance of the corners in frames that are added from where the fit so far predicts them"""
 _GUARD_FRAMES = 1
@@ -81,12 +92,18 @@ def free_stretch(
 
 
 def grown_flight(
-    body: ThrownBody, prior: FlightPrior, camera: CameraModel, tags: TagSet, views: TossViews, start: int
+    body: ThrownBody,
+    prior: FlightPrior,
+    camera: CameraModel,
+    tags: TagSet,
+    views: TossViews,
+    stretch: tuple[int, int],
 ) -> tuple[TossViews, TossFit] | None:
-    """Views of the longest flight from near a frame on, with the fit to them alone.
+    """Views of the longest flight around the middle of a stretch of frames, with the fit to them alone.
 
-    The first frames are fitted, and left out as long as they do not fit; then frames are added as long as the
-    newest fit as well as the others.
+    Frames in the middle, where no hand is near, are fitted first. Then frames after them, and after these
+    frames before them, are added as long as the newest fit as well as the others. A hand pushes softly at its
+    end: a fit that began near it would take its push for the motion of another centre of mass.
 
     Args:
         body: hull, mass and size of the body.
@@ -94,64 +111,138 @@ def grown_flight(
         camera: camera that took the frames.
         tags: the object's tags.
         views: views of all frames of the toss.
-        start: first frame that seems free.
+        stretch: first frame that seems free, and the one after the last.
 
     Returns:
         The views and the fit; None if no `_CORE_FRAMES` frames fit.
     """
-    begin, found = start + _GUARD_FRAMES, None
-    for begin in range(start + _GUARD_FRAMES, start + _MAX_LATE_FRAMES, _SKIPPED_FRAMES):
-        core = views.part(begin, begin + _CORE_FRAMES)
-        if len(core) < _CORE_FRAMES:
-            return None
-        found = first_fit(core, tags, camera, body, prior)
-        if _rms_px(found) < _MAX_CORE_PX and _ends_fit(core, found):
-            break
-    else:
+    core = _core(body, prior, camera, tags, views, stretch)
+    if core is None:
         return None
-    end, more, failed = begin + _CORE_FRAMES, _ADDED_FRAMES // 2, False
-    while more and end < len(views):
-        if views.seconds[end] - views.seconds[end - 1] > _BRIDGED_S:
-            break
-        part = views.part(begin, end + more)
-        fit = _extended(part, found, end - begin)
-        if fit is not None:
-            end, found = begin + len(part), fit
-            more = more if failed else min(2 * more, _ADDED_FRAMES)
-        else:
-            failed, more = True, more // 2
-    part = views.part(begin, end - _GUARD_FRAMES)
-    again = [(part, found.starts()[0])]
+    begin, end, found = core
+    most = end - begin
+    for later in (True, False, True):
+        begin, end, found = _grown(views, begin, end, found, most, later=later)
+    size = _frame_residuals(views.part(begin, end), found)
+    fits = np.flatnonzero(size < _END_RATIO * max(1.0, float(np.median(size))))
+    first, last = begin + int(fits[0]) + _GUARD_FRAMES, begin + int(fits[-1]) + 1 - _GUARD_FRAMES
+    part = views.part(first, last)
+    seconds = float(views.seconds[first] - views.seconds[begin])
+    again = [(part, moved_in_time(found, seconds))]
     return part, fit_tosses(body, prior, camera, tags, again, found.x[: found.model.shared])
 
 
-def _extended(views: TossViews, fit: TossFit, fitted: int) -> TossFit | None:
-    """Fit to a flight with further frames, which begins from that to its first `fitted` ones.
+def _core(
+    body: ThrownBody,
+    prior: FlightPrior,
+    camera: CameraModel,
+    tags: TagSet,
+    views: TossViews,
+    stretch: tuple[int, int],
+) -> tuple[int, int, TossFit] | None:
+    """Frames [begin, end) that move freely, near the middle of a stretch, with the fit to them."""
+    frames = max(_CORE_FRAMES, round(_CORE_S / float(np.median(np.diff(views.seconds)))))
+    frames = min(frames, max(stretch[1] - stretch[0], _CORE_FRAMES))
+    half = (stretch[1] - frames - stretch[0]) // 2
+    away = np.arange(_MAX_CORES + 1) // 2 * (frames // 2) * np.where(np.arange(_MAX_CORES + 1) % 2, 1, -1)
+    best: tuple[float, int, TossFit] | None = None
+    for begin in (stretch[0] + half + away[np.abs(away) <= max(half, 0)]).tolist():
+        part = views.part(begin, begin + frames)
+        if len(part) < frames or np.diff(part.seconds).max() > _BRIDGED_S:
+            continue
+        fit = first_fit(part, tags, camera, body, prior)
+        size = _rms(_frame_residuals(part, fit))
+        if best is None or size < best[0]:
+            best = size, begin, fit
+        if size < _GOOD_CORE:
+            break
+    if best is None or _rms(best[2].residual) > _MAX_CORE_PX:
+        return None
+    return best[1], best[1] + frames, best[2]
+
+
+def _grown(
+    views: TossViews, begin: int, end: int, found: TossFit, most: int, *, later: bool
+) -> tuple[int, int, TossFit]:
+    """Frames [begin, end) of a flight with all those that belong to it on one side, and the fit to them.
+
+    Args:
+        views: views of all frames of the toss.
+        begin: first frame of the flight so far.
+        end: frame after its last.
+        found: fit to the flight so far.
+        most: largest number of frames to add at once.
+        later: True to add later frames, False to add earlier ones.
+    """
+    more, failed = most // 2, False
+    time = views.seconds
+    while more:
+        first, stop = (begin, min(end + more, len(views))) if later else (max(begin - more, 0), end)
+        if stop - first == end - begin or np.diff(time[first:stop]).max() > _BRIDGED_S:
+            break
+        part = views.part(first, stop)
+        added = part.frame >= end - begin if later else part.frame < begin - first
+        fit = _extended(part, moved_in_time(found, float(time[first] - time[begin])), found, added)
+        if fit is not None:
+            begin, end, found = first, stop, fit
+            more = more if failed else min(2 * more, most)
+        else:
+            failed, more = True, more // 2
+    return begin, end, found
+
+
+def moved_in_time(fit: TossFit, seconds: float) -> TossStart:
+    """Motion of a fitted toss by some seconds after or before its first frame, without the air.
+
+    Over a few frames; the middle between two rates takes Euler's equations to second order.
+    """
+    (start,) = fit.starts()
+    inertia = unit_inertia(with_size(fit.x[SHAPE], fit.model.body.log_size))[0]
+    change = seconds * np.linalg.solve(inertia, -np.cross(start.spin, inertia @ start.spin))
+    gravity = fit.x[GRAVITY]
+    return TossStart(
+        start.R_world_object @ matrix_from_vector(seconds * (start.spin + 0.5 * change)),
+        start.spin + change,
+        start.place + seconds * start.velocity + 0.5 * seconds**2 * gravity,
+        start.velocity + seconds * gravity,
+    )
+
+
+def _extended(views: TossViews, start: TossStart, fit: TossFit, added: NDArray[np.bool_]) -> TossFit | None:
+    """Fit to a flight with further frames, which begins from the fit so far.
 
     None if the further frames do not belong to the flight: the fit so far predicts other places, or the new
-    one fits its ends worse than the rest.
+    one fits the end that has grown worse than the rest.
+
+    Args:
+        views: views with the further frames.
+        start: motion at the first of them by the fit so far.
+        fit: the fit so far.
+        added: (m,) True for views in further frames.
     """
-    model = FlightModel(fit.model.body, fit.model.camera, fit.model.tags, [(views, fit.starts()[0])])
+    model = FlightModel(fit.model.body, fit.model.camera, fit.model.tags, [(views, start)])
     shared = fit.x[: fit.model.shared]
     predicted, _ = model(np.concatenate([shared, model.tosses[0][1].numbers]))
-    off = np.abs(predicted - views.corners.ravel()).reshape(-1, 8)[views.frame >= fitted]
+    off = np.abs(predicted - views.corners.ravel()).reshape(-1, 8)[added]
     if not float(np.median(off)) < _MAX_PREDICTED_PX:
         return None
-    new = fit_tosses(model.body, fit.prior, model.camera, model.tags, model.tosses, shared, _MAX_STEPS)
-    usual = max(_rms_px(fit), float(views.sd.mean()))
-    return new if _ends_fit(views, new) and _rms_px(new) < _MAX_GROWTH * usual else None
+    new = fit_tosses(
+        model.body, fit.prior, model.camera, model.tags, model.tosses, shared, _MAX_STEPS, _LEAST_GAIN
+    )
+    usual = max(_rms(_frame_residuals(fit.model.tosses[0][0], fit)), 1.0)
+    fits_all = _rms(_frame_residuals(views, new)) < _MAX_GROWTH * usual
+    return new if fits_all and _end_fits(views, new, last=bool(added[views.frame.argmax()])) else None
 
 
-def _ends_fit(views: TossViews, fit: TossFit) -> bool:
-    """True if the residuals in the first and last frames are like those of the others."""
+def _end_fits(views: TossViews, fit: TossFit, *, last: bool) -> bool:
+    """True if the residuals in the last frames, or in the first ones, are like those of the others."""
     size = _frame_residuals(views, fit)
-    usual = max(1.0, float(np.sqrt(np.median(size**2))))
-    ends = [float(np.sqrt(np.mean(each**2))) for each in (size[:_END_FRAMES], size[-_END_FRAMES:])]
-    return max(ends) < _END_RATIO * usual
+    end = size[-_END_FRAMES:] if last else size[:_END_FRAMES]
+    return _rms(end) < _END_RATIO * max(1.0, float(np.median(size)))
 
 
-def _rms_px(fit: TossFit) -> float:
-    return float(np.sqrt(np.mean(fit.residual**2)))
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _fall_residual(time: Array, R: Array, origin: Array, R_camera_world: Array, prior: FlightPrior) -> float:
@@ -181,7 +272,11 @@ def _longest(free: np.ndarray, time: Array) -> tuple[int, int] | None:
 
 
 def _frame_residuals(views: TossViews, fit: TossFit) -> Array:
-    """Rms residual (n,) of each frame's corners, in their standard deviations."""
+    """Rms residual (n,) of the corners of each frame's best tag, in their standard deviations.
+
+    Before a hand or a cushion all tags leave the flight; one that turns into view may be off by itself.
+    """
     square = np.mean(fit.residual.reshape(-1, 8) ** 2, axis=1) / views.sd**2
-    total = np.bincount(views.frame, square, minlength=len(views))
-    return np.sqrt(total / np.maximum(np.bincount(views.frame, minlength=len(views)), 1))
+    least = np.full(len(views), np.inf)
+    np.minimum.at(least, views.frame, square)
+    return np.sqrt(least)

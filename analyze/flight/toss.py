@@ -100,7 +100,7 @@ def analyse_toss(
     if not len(views):
         return TossMotion(*ids, TossVerdict.MARKER_LOST, "no marker whose place is known was seen")
     stretch = free_stretch(views, tags, camera, prior)
-    flown = None if stretch is None else grown_flight(body, prior, camera, tags, views, stretch[0])
+    flown = None if stretch is None else grown_flight(body, prior, camera, tags, views, stretch)
     if flown is None:
         text = "nowhere do the markers move as in free fall: throw the object so that it flies in view"
         return TossMotion(*ids, TossVerdict.NOT_FREE, text)

@@ -15,6 +15,7 @@ from analyze.flight.flight_model import (
     DRAG,
     FIRST_TAG,
     GRAVITY,
+    LINE_TIME,
     PRESSURE,
     SHAPE,
     TAG_SIZE,
@@ -45,6 +46,9 @@ SHAPE_SD = 1.5
 GRAVITY_TURN_SD = 0.02
 """1 sigma of the direction of gravity in W, about each horizontal axis [rad]: wide, as flights measure it"""
 
+LEAST_GAIN = 1e-3
+"""decrease of chi^2 in a step below which a fit ends: what is left is a small part of the unknowns' sd"""
+
 
 @dataclass(frozen=True)
 class FlightPrior:
@@ -60,6 +64,8 @@ class FlightPrior:
     """gravity [m/s^2]"""
     gravity_sd: float
     """its 1 sigma [m/s^2]"""
+    line_time_sd: float = 1e-9
+    """1 sigma of the delay from image row to row beyond that of the calibration [s]"""
 
     def mean_and_sd(self, tags: TagSet) -> tuple[Array, Array]:
         """Mean and standard deviation of the unknowns that tosses share, with the places of the tags."""
@@ -72,6 +78,7 @@ class FlightPrior:
         mean[DRAG], sd[DRAG] = DRAG_COEFFICIENT, DRAG_COEFFICIENT_SD
         sd[PRESSURE] = PRESSURE_SHIFT * self.extent
         mean[TAG_SIZE], sd[TAG_SIZE] = 1.0, TAG_SIZE_SD
+        mean[LINE_TIME], sd[LINE_TIME] = 0.0, self.line_time_sd
         places = np.column_stack(
             [np.repeat(tags.place_sd[:, None], 3, 1), np.repeat(tags.turn_sd[:, None], 3, 1)]
         )
@@ -113,6 +120,7 @@ def fit_tosses(
     tosses: Sequence[tuple[TossViews, TossStart]],
     shared: Array | None = None,
     max_steps: int = MAX_STEPS,
+    least_gain: float = LEAST_GAIN,
 ) -> TossFit:
     """Fit all unknowns of the body, its tags and its tosses to the tags' corners, with Huber's loss.
 
@@ -124,6 +132,7 @@ def fit_tosses(
         tosses: views of each toss, with a first guess of its start.
         shared: first guess of the unknowns (s,) that tosses share; None for the prior's mean.
         max_steps: number of steps after which the fit ends, converged or not.
+        least_gain: decrease of chi^2 in a step below which the fit ends.
     """
     model = FlightModel(body, camera, tags, tosses)
     mean, sd = prior.mean_and_sd(tags)
@@ -139,7 +148,8 @@ def fit_tosses(
             [by, np.eye(model.count)[: model.shared]]
         )
 
-    found = minimise(observed, np.concatenate([corner_sd, sd]), expected, start, scale, TAG_SIZE, max_steps)
+    stated = np.concatenate([corner_sd, sd])
+    found = minimise(observed, stated, expected, start, scale, TAG_SIZE, max_steps, least_gain)
     return _result(model, prior, found, corner_sd, sd)
 
 

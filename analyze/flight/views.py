@@ -53,6 +53,8 @@ class TossViews:
     """(m, 3, 3) rotation of each view's tag into the camera frame, from this view and its neighbours"""
     p_camera_tag: Array
     """(m, 3) its centre in the camera frame [m]"""
+    rows: Array
+    """(m, 4) rows of the corners in the image, from its middle row down [px]"""
 
     def __len__(self) -> int:
         return len(self.time_ns)
@@ -73,6 +75,7 @@ class TossViews:
             self.sd[kept],
             self.R_camera_tag[kept],
             self.p_camera_tag[kept],
+            self.rows[kept],
         )
 
 
@@ -100,7 +103,7 @@ def toss_views(tracks: Sequence[MarkerTrack], camera: CameraModel, tags: TagSet)
     if not used:
         none = np.zeros(0, dtype=np.int64)
         corners, turns, places = np.zeros((0, 4, 2)), np.zeros((0, 3, 3)), np.zeros((0, 3))
-        return TossViews(none, none, none, corners, np.zeros(0), turns, places)
+        return TossViews(none, none, none, corners, np.zeros(0), turns, places, np.zeros((0, 4)))
     stamps = np.concatenate([track.time_ns for track in used])
     time_ns, frame = np.unique(stamps, return_inverse=True)
     return TossViews(
@@ -111,4 +114,5 @@ def toss_views(tracks: Sequence[MarkerTrack], camera: CameraModel, tags: TagSet)
         np.concatenate([track.corner_sd_px for track in used]),
         np.concatenate([track.R_camera_marker for track in used]),
         np.concatenate([track.p_camera_marker for track in used]),
+        np.concatenate([track.corners_px[..., 1] for track in used]) - 0.5 * (camera.height - 1),
     )

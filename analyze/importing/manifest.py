@@ -33,9 +33,9 @@ def manifest(prepared: PreparedImport, anchor_ns: int) -> SessionManifest:
         prepared: the import.
         anchor_ns: log time of the first source's start [ns since 1970].
     """
-    known = prepared.sources[0].wall_start_ns is not None
+    known = prepared.all_sources[0].wall_start_ns is not None
     created = datetime.fromtimestamp(anchor_ns * 1e-9, UTC) if known else datetime.now(UTC)
-    kinds = {source.time_source for source in prepared.sources}
+    kinds = {source.time_source for source in prepared.all_sources}
     rig, usual = prepared.camera.rig, RigConfig.model_fields
     files = prepared.object
     return SessionManifest(
@@ -44,7 +44,7 @@ def manifest(prepared: PreparedImport, anchor_ns: int) -> SessionManifest:
         software=software_version(),
         wall_anchor_ns=anchor_ns,
         time_source=kinds.pop() if len(kinds) == 1 else TimeSource.CONTAINER_PTS,
-        time_source_sd_ns=max(source.time_sd_ns for source in prepared.sources),
+        time_source_sd_ns=max(source.time_sd_ns for source in prepared.all_sources),
         g_m_s2=usual["g_m_s2"].default if rig is None else rig.g_m_s2,
         g_sd_m_s2=usual["g_sd_m_s2"].default if rig is None else rig.g_sd_m_s2,
         gravity_tilt_sd_rad=usual["gravity_tilt_sd_rad"].default if rig is None else rig.gravity_tilt_sd_rad,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
 
 import numpy as np
 
@@ -14,12 +15,15 @@ from analyze.cameras.camera_file import CameraFile
 from analyze.errors import CalibrationError
 from analyze.geometry.rotations import angle_between, inverse_transform, nearest_rotation, transform
 from analyze.importing.tip_view import TagView
-from analyze.sources.source import TimedImage
+from analyze.sources.source import FrameSource, TimedImage
+from analyze.tracking.camera_model import camera_from_spec
 from analyze.types import Array, CameraModel
 from schemas.wording import counted
 
 REST_IMAGES = 4
 """most images before a tip from which the camera's pose is taken"""
+SOURCE_IMAGES = 40
+"""first images of a source that is taken whole, of which some are searched for a mat"""
 BLIND_IMAGES = 2
 """images without a mat after which no more are searched for it"""
 PLACED_TURN, PLACED_M = math.radians(0.5), 0.005
@@ -191,6 +195,26 @@ def mat_cameras(
         known[0].view.mat.paper,
         remarks,
     )
+
+
+def mat_cameras_of(
+    sources: Sequence[FrameSource], camera: CameraFile, ruler_mm: float | None
+) -> MatCameras | None:
+    """Camera's pose by the mat in the first images of each source; None if none shows a mat.
+
+    Args:
+        sources: sources of images before one camera.
+        camera: camera file.
+        ruler_mm: length of the mat's ruler as measured on the print [mm]; None for the nominal one.
+    """
+    lens = camera_from_spec(camera.calibration)
+    seen: list[SeenMat | None] = []
+    for source in sources:
+        watch = MatWatch(lens, None, ruler_mm)
+        for image in islice(source.frames(), 0, SOURCE_IMAGES, SOURCE_IMAGES // REST_IMAGES):
+            watch.look(image)
+        seen.append(watch.seen(source.name))
+    return mat_cameras(seen, [source.name for source in sources], camera, lens)
 
 
 def _move(before: MatPose | None, after: MatPose, lens: CameraModel) -> CameraMove | None:

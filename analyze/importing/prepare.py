@@ -6,10 +6,12 @@ The sources of images are searched for strikes, and these are assigned to the pl
 from __future__ import annotations
 
 import math
-import shutil
 from collections.abc import Sequence
 from contextlib import ExitStack
+<<<<<<< HEAD
 from dataclasses import dataclass, replace
+=======
+>>>>>>> 10f4367628f44ab9e2f90c7830ae4cc08b3437be
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +21,21 @@ from analyze.errors import ImportRefused
 from analyze.importing.assignment import assigned_ids
 from analyze.importing.camera_pose import EstimatedCameraPose, camera_pose_from_strike, mean_camera_pose
 from analyze.importing.found_strikes import FoundStrikes, find_strikes, refuse_unplanned
+<<<<<<< HEAD
 from analyze.importing.mat_cameras import mat_cameras
 from analyze.importing.off_place import off_place
+=======
+from analyze.importing.inputs import (
+    StruckPlan,
+    open_tosses,
+    read_plan,
+    refuse_full,
+    refuse_other_camera,
+)
+>>>>>>> 10f4367628f44ab9e2f90c7830ae4cc08b3437be
 from analyze.importing.onsets import Onset, OnsetFinder
 from analyze.importing.options import ImportOptions
+from analyze.importing.prepare_tosses import prepare_tosses
 from analyze.importing.prepared_import import Assignment, PreparedImport, storable_videos
 from analyze.importing.seen_tips import see_tips
 from analyze.importing.spool import Spool
@@ -36,14 +49,13 @@ from analyze.importing.windows import (
 )
 from analyze.pipeline.object_markers import placed_markers
 from analyze.progress import Progress, no_progress
-from analyze.reading.object_file import ObjectFiles, read_object_files
+from analyze.reading.object_file import read_object_files
 from analyze.sources.open_source import open_source
 from analyze.sources.source import Frames, FrameSource
 from analyze.sources.video import VideoSource
 from analyze.tracking.camera_model import camera_from_spec
 from schemas.document import canonical_json, read_text
-from schemas.output_file import OutputError
-from schemas.strike_plan import StrikePlan, parse_strike_plan
+from schemas.strike_plan import StrikePlan
 
 PROGRESS_EVERY_FRAMES = 50
 """frames between two updates of the progress bar"""
@@ -70,18 +82,20 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
             used.
         TrackingError: the images for the camera's pose show another object, or one of its markers twice.
     """
+    if not options.sources:
+        return prepare_tosses(options)
     files, object_text = read_object_files(options.object_path), read_text(options.object_path)
-    struck = None if options.plan_path is None else _read_plan(options.plan_path, files)
+    struck = None if options.plan_path is None else read_plan(options.plan_path, files)
     if struck is None:
         refuse_unplanned(options, files.spec)
     given = None if options.camera_path is None else read_camera(options.camera_path)
     with ExitStack() as stack:
         sources = tuple(map(open_source, options.sources, options.source_options()))
         camera = given or camera_of(sources)
-        tosses = tuple(open_source(path, options.source) for path in options.tosses)
+        tosses = open_tosses(options)
         for source in (*sources, *tosses):
-            _refuse_other_camera(source, camera)
-        _refuse_full(options.aside, storable_videos((*sources, *tosses)) or ())
+            refuse_other_camera(source, camera)
+        refuse_full(options.aside, storable_videos((*sources, *tosses)) or ())
         splits = len(sources) == 1 and not options.whole and len(options.strikes) != 1
         splits = splits and (struck is None or len(struck.plan.strikes) > 1)
         spools = _spools(options, sources, stack)
@@ -108,7 +122,7 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
         if struck is None:
             found = find_strikes(options, files, camera, clips, tips, seen.tags)
             struck, ids, assignment = (
-                _Struck(found.plan, canonical_json(found.plan) + "\n"),
+                StruckPlan(found.plan, canonical_json(found.plan) + "\n"),
                 list(found.ids),
                 Assignment.IMAGES,
             )
@@ -157,76 +171,11 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
         )
 
 
-@dataclass(frozen=True)
-class _Struck:
-    """Plan of the strikes that the sources show, with its text, which is attached to the recording."""
-
-    plan: StrikePlan
-    """the plan that was struck, or what was found to be struck"""
-    text: str
-    """content of the plan's file"""
-
-
-def _read_plan(path: Path, files: ObjectFiles) -> _Struck:
-    """Read the plan that was struck.
-
-    Raises:
-        ImportRefused: the plan is of another object.
-        DocumentError: the file cannot be used.
-    """
-    text = read_text(path)
-    plan = parse_strike_plan(text, str(path))
-    if plan.object_sha256 != files.sha256:
-        raise ImportRefused(
-            f"{path}: made for another object than {files.spec.name!r}: repeat `analyze plan` for this one; "
-            "or, if the object file was edited after the strikes, import with the one of the plan, then "
-            "`analyze rebase` the recording"
-        )
-    return _Struck(plan, text)
-
-
 def _directions(plan: StrikePlan | None) -> frozenset[bool]:
     """Directions in which strikes turn a marker in the image, True for clockwise; both without a plan."""
     if plan is None:
         return frozenset((True, False))
     return frozenset(math.cos(strike.heading_rad) > 0 for strike in plan.strikes)
-
-
-def _refuse_full(folder: Path | None, kept: Sequence[VideoSource]) -> None:
-    """Check that the disk has room for the videos that go into the recording without recoding.
-
-    Args:
-        folder: folder on the disk; None for no check.
-        kept: these videos; each needs as much room in the recording as its file has.
-
-    Raises:
-        OutputError: the disk has less room.
-    """
-    needed = sum(video.path.stat().st_size for video in kept)
-    if folder is not None and (free := shutil.disk_usage(folder).free) < needed:
-        raise OutputError(
-            f"{folder}: has {free / 1e6:.0f} MB free, the recording needs {needed / 1e6:.0f} MB: choose "
-            "another place"
-        )
-
-
-def _refuse_other_camera(source: FrameSource, camera: CameraFile) -> None:
-    """Check that a source's images have the size for which the camera's lens was calibrated.
-
-    Raises:
-        ImportRefused: they have another size.
-    """
-    spec = camera.calibration
-    if (source.width, source.height) == (spec.width, spec.height):
-        return
-    sizes = f"{source.width} x {source.height} px, {camera.path} is of {spec.width} x {spec.height}"
-    remedy = "calibrate with a video of the strikes' camera mode, not with photos"
-    if (source.width, source.height) == (spec.height, spec.width):
-        remedy = (
-            "one of them was rotated when it was edited or shared: import and calibrate with the videos as "
-            "the camera recorded them, in the sensor's orientation"
-        )
-    raise ImportRefused(f"{source.name}: has {sizes}: {remedy}")
 
 
 def _spools(options: ImportOptions, sources: Sequence[FrameSource], stack: ExitStack) -> list[Spool | None]:

@@ -83,9 +83,14 @@ class PreparedImport:
     _open: ExitStack
 
     @property
+    def all_sources(self) -> tuple[FrameSource, ...]:
+        """Sources of strikes, and after them those of tosses; at least one."""
+        return *self.sources, *self.tosses
+
+    @property
     def storable_videos(self) -> tuple[VideoSource, ...] | None:
         """All sources if each is a video that is stored as coded (H.264, H.265); None otherwise."""
-        return storable_videos((*self.sources, *self.tosses))
+        return storable_videos(self.all_sources)
 
     def own_pose(self, window: StrikeWindow) -> list[float]:
         """Pose of the camera in W in one strike, 16 numbers row by row; empty without a mat in it."""
@@ -95,7 +100,7 @@ class PreparedImport:
     @property
     def are_files(self) -> bool:
         """True if the images of all sources are PNG or JPEG files, which are stored unchanged."""
-        return all(source.holds_files for source in (*self.sources, *self.tosses))
+        return all(source.holds_files for source in self.all_sources)
 
     @property
     def formats(self) -> str:
@@ -117,7 +122,7 @@ class PreparedImport:
             *self._unplaced_tags(),
             *self._other_rates(),
             *self._slow_motion(),
-            *_merged_remarks((*self.sources, *self.tosses)),
+            *_merged_remarks(self.all_sources),
         ]
 
     def _unplaced_tags(self) -> Iterator[str]:
@@ -135,7 +140,7 @@ class PreparedImport:
         No remark is made if a slow-motion capture rate is known already.
         """
         if (
-            all(isinstance(source, VideoSource) and source.may_be_slow for source in self.sources)
+            all(isinstance(source, VideoSource) and source.may_be_slow for source in self.all_sources)
             and self.rate_hz < MAX_SLOW_MOTION_HZ
         ):
             yield (
@@ -151,7 +156,9 @@ class PreparedImport:
         """
         capture_hz = self.options.source.capture_hz
         videos = [
-            source for source in self.sources if isinstance(source, VideoSource) and capture_hz is not None
+            source
+            for source in self.all_sources
+            if isinstance(source, VideoSource) and capture_hz is not None
         ]
         for video in videos[1:]:
             mine, others = video.timing.played_hz, videos[0].timing.played_hz
@@ -161,8 +168,8 @@ class PreparedImport:
                     f"--capture-fps {capture_hz:g} applies to both: import videos of another capture rate by "
                     "themselves"
                 )
-        first = self.clips[0]
         for clip in self.clips[1:]:
+            first = self.clips[0]
             if (
                 clip.frame_ns
                 and first.frame_ns

@@ -29,8 +29,9 @@ def render_import(prepared: PreparedImport) -> list[str]:
     Returns:
         The remarks that were printed.
     """
-    Terminal().print(_found_table(prepared) if prepared.found is not None else _table(prepared))
-    echo(f"strikes assigned {prepared.assignment.value}{_missing(prepared)}")
+    if prepared.sources:
+        Terminal().print(_found_table(prepared) if prepared.found is not None else _table(prepared))
+        echo(f"strikes assigned {prepared.assignment.value}{_missing(prepared)}")
     if prepared.tosses:
         echo(f"tosses: {', '.join(source.name for source in prepared.tosses)}")
     echo(f"{prepared.rate_hz:.6g} frames per second; {prepared.formats}")
@@ -48,8 +49,9 @@ def render_import(prepared: PreparedImport) -> list[str]:
         echo(f"the camera's pose comes from the object at rest in {checked}")
     if prepared.mat is not None:
         mat, degrees = prepared.mat, math.degrees(prepared.mat.turn_sd)
+        what = "strike" if prepared.windows else "toss"
         sds = f"± {degrees:.2f} deg and {1000 * mat.place_sd:.1f} mm"
-        echo(f"the camera's pose comes from the mat ({mat.paper}) in {counted(mat.views, 'strike')}, {sds}")
+        echo(f"the camera's pose comes from the mat ({mat.paper}) in {counted(mat.views, what)}, {sds}")
     return _remark(prepared.remarks())
 
 

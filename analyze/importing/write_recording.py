@@ -76,7 +76,7 @@ class _Session:
 
     def __init__(self, prepared: PreparedImport, writer: RecordingWriter, progress: Progress) -> None:
         self._prepared, self._writer, self._progress = prepared, writer, progress
-        self.anchor_ns = prepared.sources[0].wall_start_ns or DEFAULT_START_NS
+        self.anchor_ns = prepared.all_sources[0].wall_start_ns or DEFAULT_START_NS
         """log time of the first source's start [ns since 1970]"""
         self._at_ns = self.anchor_ns
         """log time of the present source's start [ns]"""
@@ -290,7 +290,7 @@ class _Session:
 
     def _report_progress(self, source: FrameSource) -> None:
         total = (
-            sum(each.frame_count or 0 for each in (*self._prepared.sources, *self._prepared.tosses))
+            sum(each.frame_count or 0 for each in self._prepared.all_sources)
             if self._prepared.storable_videos
             else self.images
         )

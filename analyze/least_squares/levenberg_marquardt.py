@@ -64,6 +64,7 @@ def minimise(
     scale: Array,
     positive_index: int = 1,
     max_steps: int = MAX_STEPS,
+    least_gain: float = 0.0,
 ) -> Minimum:
     """Parameters (p,) that minimise the Huber loss of (observed - expected) / sd.
 
@@ -76,6 +77,8 @@ def minimise(
         scale: (p,) typical changes of the parameters, for conditioning and convergence.
         positive_index: index of the parameter that must stay above 0.1, in its own unit.
         max_steps: number of steps after which the iteration ends.
+        least_gain: decrease of the sum of squares by a nearly undamped step below which the iteration ends
+            as well; with 0 only small steps end it.
 
     Returns:
         Parameters (p,) after the last accepted step; there, the residuals (n,) observed - expected in the
@@ -108,6 +111,7 @@ def minimise(
             if damping > _MAX_DAMPING:
                 break
             continue
+        gained_little = damping <= _START_DAMPING and abs(cost - new_cost) < least_gain
         x, residual, jacobian = trial, new_residual, new_jacobian
         damping = max(damping / 8, 1e-12)
         converged = bool(np.all(np.abs(step) < _STEP_TOLERANCE * scale))
@@ -115,7 +119,7 @@ def minimise(
         settled = bool(np.max(np.abs(new_weight - weight)) < _WEIGHT_TOLERANCE)
         weight = new_weight
         cost = float(np.sum(weight * (residual / sd) ** 2))
-        if converged and settled:
+        if gained_little or (converged and settled):
             break
     return Minimum(x, residual, jacobian, weight)
 

@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 
 RESCAN_FRAMES = 3
 """frames of a toss between full searches for markers: one turns into view within a few"""
+LINE_TIME_ERROR = 0.05
+"""1 sigma of a stated delay from image row to row, as a share of it"""
 MAX_DISAGREEMENT = 30.0
 """largest chi^2 of eight numbers (c and shape of the tensor) between flights and strikes: one in 5 000"""
 
@@ -80,7 +82,7 @@ def read_toss(
     """
     ids = record.toss_id, record.plan_toss_id
     camera = camera_from_spec(recording.manifest.cameras[0].calibration)
-    follower = MarkerFollower(camera, markers, rescan_every=RESCAN_FRAMES)
+    follower = MarkerFollower(camera, markers, rescan_every=RESCAN_FRAMES, rigid=True)
     try:
         for frame in recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns):
             follower.add(frame)
@@ -108,8 +110,22 @@ def thrown_body(
         scale_free(numbers)[0],
         manifest.g_m_s2,
         max(manifest.g_sd_m_s2, 1e-3),
+        _line_time_sd(manifest),
     )
     return ThrownBody(hull_panels(model.hull_vertices), spec.mass_kg, float(numbers[0])), prior
+
+
+def _line_time_sd(manifest: SessionManifest) -> float:
+    """1 sigma of the delay from image row to row beyond that of the calibration [s].
+
+    Where an imported recording's camera states none, it may be a phone's that needs up to the time between
+    two frames to read an image.
+    """
+    camera = manifest.cameras[0]
+    stated = abs(camera.calibration.line_time_s)
+    if manifest.rig or stated:
+        return max(LINE_TIME_ERROR * stated, 1e-9)
+    return 1.0 / (camera.frame_rate_hz * camera.calibration.height)
 
 
 def answer_of_flights(

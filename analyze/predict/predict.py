@@ -1,9 +1,9 @@
-"""Strikes left out one by one: the exported body of the other strikes, simulated and compared with the video.
+"""Strikes left out one by one: the exported body of all others, simulated and compared with the video.
 
 A strike's simulation starts just after its impact: tipping angle and rate are fitted to the first tenth of
 a second of free motion, with the balance angle and rate constant of the body that is simulated (each asset
 gets the start that suits it best). From there MuJoCo runs alone. Compared is the tipping angle of every later
-frame up to the landing.
+frame up to the landing. Tosses are in `tosses.py`.
 """
 
 from __future__ import annotations
@@ -23,8 +23,10 @@ from analyze.pipeline.contact_properties import contact_properties
 from analyze.pipeline.estimate_recordings import mergeable_heads, read_recordings
 from analyze.pipeline.merge import merge_evidence, paths_text
 from analyze.pipeline.solved import SolvedStrikes, solve_strikes, usable_motions
+from analyze.predict.angle_error import AngleError
 from analyze.predict.assets import ESTIMATED, SHELL, UNIFORM, Asset, strike_assets
 from analyze.predict.scene import Start, Surroundings, simulated_angle
+from analyze.predict.tosses import PredictedToss, SkippedToss, predict_toss, usable_tosses
 from analyze.progress import no_progress
 
 if TYPE_CHECKING:
@@ -42,16 +44,6 @@ _MAX_STEPS = 12
 """Gauss-Newton steps for the start"""
 _MIN_FRAMES = 5
 """least number of frames that are compared"""
-
-
-@dataclass(frozen=True)
-class AngleError:
-    """Error of a simulated tipping angle over the frames compared."""
-
-    rms: float
-    """root mean square [rad]"""
-    largest: float
-    """largest size [rad]"""
 
 
 @dataclass(frozen=True)
@@ -75,8 +67,7 @@ class PredictedStrike:
 
     def error(self, asset: str) -> AngleError:
         """Error of an asset's simulation over the frames compared."""
-        off = (self.simulated[asset] - self.measured)[self.start :]
-        return AngleError(float(np.sqrt(np.mean(off**2))), float(np.max(np.abs(off))))
+        return AngleError.of((self.simulated[asset] - self.measured)[self.start :])
 
     @property
     def gain(self) -> float:
@@ -96,22 +87,18 @@ class SkippedStrike:
 
 @dataclass(frozen=True)
 class Predictions:
-    """Predicted strikes of one object, and those that could not be."""
+    """Predicted strikes and tosses of one object, at least one, and those that could not be."""
 
     name: str
     """name of the object"""
     strikes: tuple[PredictedStrike, ...]
-    """predicted strikes, in recording order; at least one"""
+    """predicted strikes, in recording order"""
     skipped: tuple[SkippedStrike, ...]
     """strikes that could not be predicted"""
-
-    def median_rms(self, asset: str) -> float:
-        """Median over strikes of an asset's rms error [rad]."""
-        return float(np.median([each.error(asset).rms for each in self.strikes]))
-
-    def median_largest(self, asset: str) -> float:
-        """Median over strikes of an asset's largest error [rad]."""
-        return float(np.median([each.error(asset).largest for each in self.strikes]))
+    tosses: tuple[PredictedToss, ...] = ()
+    """predicted tosses, in recording order"""
+    skipped_tosses: tuple[SkippedToss, ...] = ()
+    """tosses that could not be predicted"""
 
 
 def predict_recordings(
@@ -121,19 +108,19 @@ def predict_recordings(
     progress: Progress | None = None,
     cache: ResultCache | None = None,
 ) -> Predictions:
-    """Predict strikes of one or several recordings of one object, each from an estimate that leaves it out.
+    """Predict strikes and tosses of recordings of one object, each from an estimate that leaves it out.
 
     Args:
         paths: one or more recordings (MCAP), in any order.
         options: choices of the user.
-        wanted: ids of the strikes; empty for all that can be used.
-        progress: called with (text, done, total) before each strike.
+        wanted: ids of strikes and tosses; empty for all that can be used.
+        progress: called with (text, done, total) before each of them.
         cache: cache of strikes read before; None to read all anew.
 
     Raises:
         RecordingError, MergeError, ShapeError, PlanError, TrackingError: the recordings cannot be read or
             merged.
-        EstimationError: a wanted id names no usable strike, or none can be predicted.
+        EstimationError: a wanted id names no usable strike or toss, or none can be predicted.
     """
     heads, options = mergeable_heads(paths, options)
     evidence = merge_evidence(read_recordings(heads, options, progress, cache))
@@ -149,36 +136,50 @@ def predict_left_out(
     wanted: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Predictions:
-    """Predict strikes, each from an estimate that leaves it out.
+    """Predict strikes and tosses, each from an estimate that leaves it out.
 
     Args:
         evidence: fitted motions of all strikes.
         options: choices of the user.
-        wanted: ids of the strikes; empty for all that can be used.
-        progress: called with (text, done, total) before each strike.
+        wanted: ids of strikes and tosses; empty for all that can be used.
+        progress: called with (text, done, total) before each of them.
 
     Raises:
-        EstimationError: a wanted id names no usable strike, or none can be predicted.
+        EstimationError: a wanted id names no usable strike or toss, or none can be predicted.
     """
     progress = progress or no_progress
-    usable = {m.strike_id: m for m in usable_motions(evidence) if m.strike_id not in options.exclude}
+    strikes = {m.strike_id: m for m in usable_motions(evidence) if m.strike_id not in options.exclude}
+    flights = usable_tosses(evidence, options)
+    usable = [*strikes, *flights]
     if unknown := [each for each in wanted if each not in usable]:
         raise EstimationError(
-            f"strike {unknown[0]} cannot be predicted: it is not one of the usable strikes"
+            f"{unknown[0]} cannot be predicted: it is not one of the usable strikes and tosses"
             f" ({', '.join(usable)}): choose one of these"
         )
-    chosen = [usable[each] for each in dict.fromkeys(wanted)] or list(usable.values())
     found: list[PredictedStrike] = []
     skipped: list[SkippedStrike] = []
-    for number, motion in enumerate(chosen):
-        progress(f"predicting {motion.strike_id}", number, len(chosen))
+    tosses: list[PredictedToss] = []
+    skipped_tosses: list[SkippedToss] = []
+    chosen = list(dict.fromkeys(wanted)) or usable
+    for number, name in enumerate(chosen):
+        progress(f"predicting {name}", number, len(chosen))
         try:
-            found.append(predict_strike(evidence, options, motion))
+            if name in strikes:
+                found.append(predict_strike(evidence, options, strikes[name]))
+            else:
+                tosses.append(predict_toss(evidence, options, flights[name]))
         except EstimationError as error:
-            skipped.append(SkippedStrike(motion.strike_id, str(error)))
-    if not found:
-        raise EstimationError(f"no strike can be predicted: {skipped[0].strike_id}: {skipped[0].reason}")
-    return Predictions(evidence.spec.name, tuple(found), tuple(skipped))
+            if name in strikes:
+                skipped.append(SkippedStrike(name, str(error)))
+            else:
+                skipped_tosses.append(SkippedToss(name, str(error)))
+    reasons = [(each.strike_id, each.reason) for each in skipped]
+    reasons += [(each.toss_id, each.reason) for each in skipped_tosses]
+    if not found and not tosses:
+        if not reasons:
+            raise EstimationError("no strike or toss is usable: `analyze inspect` shows why, one by one")
+        raise EstimationError(f"nothing can be predicted: {reasons[0][0]}: {reasons[0][1]}")
+    return Predictions(evidence.spec.name, tuple(found), tuple(skipped), tuple(tosses), tuple(skipped_tosses))
 
 
 def predict_strike(evidence: Evidence, options: EstimateOptions, motion: TipMotion) -> PredictedStrike:

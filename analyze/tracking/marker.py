@@ -30,6 +30,8 @@ _OTHER_FAMILIES = tuple(
 )
 """families searched if no marker was found, the most reliable first, to report a printed marker of another
 family than the object file states"""
+_PERIMETER_RATE = 0.05
+"""least perimeter of a marker's outline, over the longer side of the image"""
 _UNIT_SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
 
 
@@ -56,13 +58,15 @@ def _dictionary(family: TagFamily) -> cv2.aruco.Dictionary:
 
 
 @cache
-def _detector(families: tuple[TagFamily, ...]) -> cv2.aruco.ArucoDetector:
-    """Detector of OpenCV for the markers of these families; cached."""
+def _detector(
+    families: tuple[TagFamily, ...], perimeter_rate: float = _PERIMETER_RATE
+) -> cv2.aruco.ArucoDetector:
+    """Detector of OpenCV for the markers of these families, of a least perimeter over the image's; cached."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
     # One wrong bit of 36 (none of 16 or 25) allows for noise without turning random patches into markers.
     parameters.errorCorrectionRate = 0.3
-    parameters.minMarkerPerimeterRate = 0.05
+    parameters.minMarkerPerimeterRate = perimeter_rate
     # Two windows suit tags of 30 to 200 px; the constant keeps sensor noise on flat areas from becoming
     # thousands of contours.
     parameters.adaptiveThreshWinSizeMin = 15
@@ -131,6 +135,7 @@ def detect(
     image: NDArray[np.uint8],
     families: Sequence[TagFamily] = (USUAL_FAMILY,),
     origin: tuple[int, int] = (0, 0),
+    least_perimeter_px: float = 0.0,
 ) -> list[Sighting]:
     """Detect all markers of some families in an image.
 
@@ -141,6 +146,8 @@ def detect(
         image: (height, width) grey values, of a whole image or a part of it.
         families: families (code dictionaries) that are searched.
         origin: column and row of the part in the whole image [px], added to the corners.
+        least_perimeter_px: least perimeter of a marker's outline [px]; in a small part of a textured image
+            the thousands of outlines that are too small for a marker take most of the time.
 
     Returns:
         The markers with name and corners [raw px], the largest first; a name occurs more than once if it is
@@ -148,7 +155,11 @@ def detect(
     """
     families = tuple(families)
     # Squares are searched once, whatever the number of families; each is then read as every family.
-    corners, ids, _, which = _detector(families).detectMarkersMultiDict(np.ascontiguousarray(image))
+    # In steps, as a detector is kept for each rate.
+    rate = max(_PERIMETER_RATE, np.floor(20.0 * least_perimeter_px / max(image.shape)) / 20.0)
+    corners, ids, _, which = _detector(families, float(rate)).detectMarkersMultiDict(
+        np.ascontiguousarray(image)
+    )
     if len(corners) == 0:
         return []
     found: list[Sighting] = []

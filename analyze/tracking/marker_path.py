@@ -8,8 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from analyze.tracking.edges import SquareFit
     from analyze.types import Array, Marker
+
+_NEARER = 1.25
+"""largest scale in the image of a body's nearest parts over that of a marker on it"""
 
 
 @dataclass(frozen=True)
@@ -63,3 +68,19 @@ class MarkerPath:
         move = (raw - self.corners_raw[-2]) * ratio
         moved = ideal + (ideal - self.corners_ideal[-2]) * ratio
         return raw + move, moved, 6.0 + 1.5 * float(np.abs(move).max()) + 4.0 * self.missed
+
+
+def marker_spread(markers: Sequence[Marker]) -> dict[int | str, float]:
+    """Largest distance in the image from each marker's centre to another's corners, in its longest edges.
+
+    Empty if a marker's place on the body is not known, or there is only one.
+    """
+    poses = [marker.T_object_marker for marker in markers]
+    if len(markers) < 2 or any(pose is None for pose in poses):
+        return {}
+    centres = np.array([pose[:3, 3] for pose in poses if pose is not None])
+    apart = np.linalg.norm(centres[:, None] - centres, axis=-1)
+    sizes = np.array([marker.size for marker in markers])
+    # A marker's corner is 0.71 of its edge off its centre; half an edge more is left around it.
+    reach = _NEARER * (apart + 0.71 * sizes).max(axis=1) / sizes + 0.5
+    return {marker.id: float(each) for marker, each in zip(markers, reach, strict=True)}

@@ -14,7 +14,7 @@ from analyze.errors import TrackingError
 from analyze.tracking.camera_model import distort, pixel_map, undistort
 from analyze.tracking.edges import find_square, refit_square
 from analyze.tracking.marker import Sighting, detect, families_of, is_marker, marker_of_other_family
-from analyze.tracking.marker_path import FoundMarker, MarkerPath
+from analyze.tracking.marker_path import FoundMarker, MarkerPath, marker_spread
 from analyze.tracking.pose import choose_by_motion, solve_poses
 from analyze.tracking.rolling_shutter import corners_at_one_time, delays_by_frame, row_delay_s
 from analyze.types import MarkerTrack
@@ -79,6 +79,8 @@ class MarkerFollower:
         expected: ids of the markers expected in view. Once one of them is found, all markers that are not
             expected are dropped, with their earlier observations, because each costs milliseconds per frame.
         rescan_every: frames between full searches while a marker is missing.
+        rigid: True to search, while a marker is in view, only where the others on the body can be; for
+            markers at known places on it.
     """
 
     def __init__(
@@ -87,12 +89,14 @@ class MarkerFollower:
         markers: Sequence[Marker],
         expected: Sequence[int | str] = (),
         rescan_every: int = _RESCAN_EVERY,
+        rigid: bool = False,
     ) -> None:
         """Prepare the tracker; no frame is searched yet."""
         self._camera = camera
         self._pixels = pixel_map(camera)
         self._paths = {marker.id: MarkerPath(marker) for marker in markers}
         self._rescan_every = rescan_every
+        self._spread = marker_spread(markers) if rigid else {}
         self._known = frozenset(self._paths)
         self._expected = frozenset(expected) & self._known
         self._families = families_of(self._known)
@@ -135,7 +139,7 @@ class MarkerFollower:
             self.frames_total % self._rescan_every == 0 and len(found) < len(self._paths)
         )
         if due or any(path.missed == 1 for i, path in self._paths.items() if i not in found):
-            for sighting in self._scan(frame):
+            for sighting in self._scan(frame, self._region(found)):
                 if (
                     sighting.marker_id not in found
                     and (seen := self._refined_sighting(frame, sighting)) is not None
@@ -219,7 +223,9 @@ class MarkerFollower:
         region = frame.image[top:bottom, left:right]
         if min(region.shape) < 16:
             return None
-        for sighting in detect(region, families_of([path.marker.id]), (int(left), int(top))):
+        outline = np.linalg.norm(expected - np.roll(expected, 1, axis=0), axis=1).sum()
+        least = 0.5 * float(outline) if self._spread else 0.0
+        for sighting in detect(region, families_of([path.marker.id]), (int(left), int(top)), least):
             if sighting.marker_id == path.marker.id:
                 return self._refined_sighting(frame, sighting)
         return None
@@ -246,11 +252,25 @@ class MarkerFollower:
         """
         return FoundMarker(fit, distort(self._camera, fit.square.corners))
 
-    def _scan(self, frame: ImageFrame) -> list[Sighting]:
-        """Search the whole image for the followed markers, and count the sightings of unknown ones.
+    def _region(self, found: dict[int | str, FoundMarker]) -> tuple[slice, slice]:
+        """Rows and columns of the image to search: all, or those where the body's other markers can be."""
+        low, high = np.zeros(2, dtype=int), np.array([self._camera.width, self._camera.height])
+        if self.frames_total > _FULL_SCANS:
+            for marker_id, seen in found.items():
+                edges = np.linalg.norm(seen.corners_raw - np.roll(seen.corners_raw, 1, axis=0), axis=1)
+                spread_px = self._spread.get(marker_id, np.inf) * float(edges.max())
+                if np.isfinite(spread_px):
+                    centre = seen.corners_raw.mean(axis=0)
+                    low = np.maximum(low, (centre - spread_px).astype(int))
+                    high = np.minimum(high, (centre + spread_px).astype(int) + 1)
+        return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
+
+    def _scan(self, frame: ImageFrame, region: tuple[slice, slice]) -> list[Sighting]:
+        """Search a region of the image for the followed markers, and count the sightings of unknown ones.
 
         Args:
             frame: the image.
+            region: rows and columns to search.
 
         Returns:
             List of the followed markers in the frame, with corners accurate to about half a pixel; empty if
@@ -261,7 +281,8 @@ class MarkerFollower:
         """
         known: list[Sighting] = []
         seen: set[int | str] = set()
-        for sighting in detect(frame.image, self._families):
+        rows, columns = region
+        for sighting in detect(frame.image[rows, columns], self._families, (columns.start, rows.start)):
             if sighting.marker_id in seen and sighting.marker_id in self._known:
                 raise TrackingError(
                     f"marker {sighting.marker_id} is in view twice: cover or remove one,"

@@ -59,7 +59,7 @@ class _ImportArguments:
 
 
 @click.command("import")
-@click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("sources", metavar="[SOURCE...]", nargs=-1, type=click.Path(path_type=Path))
 @path_option("--object", "object_path", required=True, help="The object file (TOML).")
 @path_option(
     "--plan",
@@ -183,6 +183,8 @@ def _import_options(arguments: _ImportArguments) -> ImportOptions:
         )
     if arguments.edges and arguments.plan_path is not None:
         raise click.UsageError("--edge states edges of strikes without a plan: leave out --edge, or --plan")
+    if not arguments.sources and not arguments.tosses:
+        raise click.UsageError("no video is named: give those of strikes as arguments, of tosses with --toss")
     films = [*arguments.sources, *arguments.tosses, *arguments.times]
     inputs = [*films, arguments.object_path, arguments.plan_path, camera]
     refuse_outputs([output], inputs=inputs, force=arguments.force)

@@ -199,7 +199,7 @@ def session(name: str, seed: int, drawn: bool) -> tuple[Evidence, VirtualObject]
 def read(thrown: TossedObject, spec: ObjectSpec, model: ObjectModel, sheet, seed: int) -> TossMotion:
     """Track, find, fit and judge one toss."""
     camera, markers = camera_from_spec(sheet.cameras[0].calibration), placed_markers(spec)
-    follower = MarkerFollower(camera, markers, rescan_every=RESCAN_FRAMES)
+    follower = MarkerFollower(camera, markers, rescan_every=RESCAN_FRAMES, rigid=True)
     for frame in thrown.frames(noise_seed=seed):
         follower.add(frame)
     ids = thrown.planned.id, thrown.planned.id

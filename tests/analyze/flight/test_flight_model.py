@@ -7,7 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analyze.flight.flight_model import FIRST_TAG, TAG_TERMS, FlightModel, TossStart
+from analyze.flight.flight_model import (
+    FIRST_TAG,
+    LINE_TIME,
+    TAG_TERMS,
+    FlightModel,
+    TossStart,
+)
+from analyze.flight.free_stretch import moved_in_time
 from analyze.flight.toss_fit import fit_tosses
 from tests.analyze.flight.thrown_box import CAMERA, first_numbers, known, lopsided_box, tossed, true_start
 
@@ -56,3 +63,21 @@ def test_moved_starts_continue_the_flight() -> None:
     model = FlightModel(body, CAMERA, tags, [(part, later)])
     predicted, _ = model(np.concatenate([fit.x[: model.shared], later.numbers]))
     assert predicted == pytest.approx(part.corners.ravel(), abs=0.3)
+
+
+def test_rows_read_later_show_the_flight_later() -> None:
+    """All corners 200 rows below the middle, at 7 us a row: as a flight that began 1.4 ms later."""
+    views, tags = tossed(BOX, np.random.default_rng(5), noise_px=0.02)
+    body, prior = known(BOX)
+    fit = fit_tosses(body, prior, CAMERA, tags, [(views, true_start(BOX, np.random.default_rng(5)))])
+    low = replace(views, rows=np.full(views.rows.shape, 200.0))
+    start, later = fit.starts()[0], moved_in_time(fit, 1.4e-3)
+    model, moved = (FlightModel(body, CAMERA, tags, [each]) for each in ((low, start), (views, later)))
+    x = np.concatenate([fit.x[: model.shared], start.numbers])
+    still, _ = model(x)
+    x[LINE_TIME] = 7e-6
+    expected, _ = moved(np.concatenate([fit.x[: moved.shared], later.numbers]))
+    # The start is moved without the air, which slows the body down.
+    early = np.repeat(views.seconds[views.frame] < 0.05, 8)
+    assert np.abs(expected - still)[early].max() > 3.0
+    assert model(x)[0][early] == pytest.approx(expected[early], abs=0.02)

@@ -148,7 +148,8 @@ def tossed(
     frame, tag, pixels, turns, centres = (np.array(each) for each in zip(*views, strict=True))
     used, frame = np.unique(frame, return_inverse=True)
     stamps = np.rint(1e9 * time[used]).astype(np.int64)
-    return TossViews(stamps, frame, tag, pixels, np.full(len(tag), noise_px), turns, centres), tags
+    sd, rows = np.full(len(tag), noise_px), pixels[..., 1] - 245.5
+    return TossViews(stamps, frame, tag, pixels, sd, turns, centres, rows), tags
 
 
 def true_start(
@@ -227,4 +228,5 @@ def held_before(views: TossViews, frames: int) -> TossViews:
         np.concatenate([views.sd[again], views.sd]),
         np.concatenate([views.R_camera_tag[again], views.R_camera_tag]),
         np.concatenate([views.p_camera_tag[again], views.p_camera_tag]),
+        np.concatenate([views.rows[again], views.rows]),
     )

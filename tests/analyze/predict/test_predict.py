@@ -16,8 +16,10 @@ from analyze.predict.assets import ESTIMATED, UNIFORM, shell_inertial
 from analyze.predict.document import predictions_document, render_predictions
 from analyze.predict.predict import fitted_start, predict_left_out
 from analyze.predict.scene import Start, Surroundings, simulated_angle, touching_centres
+from analyze.predict.tosses import START_S
 from schemas.terminal import Terminal
 from tests.analyze.estimation.bodies import GRAVITY, SIX_AXES, planned_strike, tip
+from tests.analyze.pipeline.test_tosses import evidence as with_tosses
 from tests.analyze.simulated_session import carton, object_spec, session, tipping
 
 RATE = 120
@@ -82,6 +84,7 @@ def test_a_left_out_strike_is_predicted_better_than_by_a_uniform_body(evidence, 
     assert strike.error(ESTIMATED).rms < math.radians(5)
     assert strike.error(ESTIMATED).rms < 0.2 * strike.error(UNIFORM).rms
     document = predictions_document(found)
+    assert document.median is not None
     assert document.median.estimated.rms_rad == pytest.approx(strike.error(ESTIMATED).rms, rel=1e-6)
     assert document.strikes[0].friction is None
     render_predictions(document, Terminal(width=100))
@@ -91,11 +94,28 @@ def test_a_left_out_strike_is_predicted_better_than_by_a_uniform_body(evidence, 
 
 
 def test_an_unknown_strike_is_named_with_those_that_can_be_predicted(evidence):
-    with pytest.raises(EstimationError, match=r"strike s99\.1 cannot be predicted.*choose one of these"):
+    with pytest.raises(EstimationError, match=r"s99\.1 cannot be predicted.*choose one of these"):
         predict_left_out(evidence, EstimateOptions(), ["s99.1"])
 
 
 def test_strikes_without_which_the_centre_of_mass_is_open_are_skipped(evidence):
     few = replace(evidence, motions=evidence.motions[:3])
-    with pytest.raises(EstimationError, match="no strike can be predicted"):
+    with pytest.raises(EstimationError, match="nothing can be predicted"):
         predict_left_out(few, EstimateOptions())
+
+
+def test_a_left_out_toss_is_predicted_better_than_by_a_uniform_body(capsys):
+    whole = with_tosses(tosses=1)
+    wanted = whole.tosses[0].toss_id
+    found = predict_left_out(whole, EstimateOptions(), [wanted])
+    (toss,) = found.tosses
+    assert not found.strikes
+    assert toss.time[0] >= START_S
+    assert toss.error(ESTIMATED).rms < math.radians(3)
+    assert toss.error(ESTIMATED).rms < 0.5 * toss.error(UNIFORM).rms
+    document = predictions_document(found)
+    assert document.median is None
+    assert document.toss_median is not None
+    assert document.tosses[0].measured_sd_rad < math.radians(1)
+    render_predictions(document, Terminal(width=100))
+    assert "attitude is off by" in capsys.readouterr().out
