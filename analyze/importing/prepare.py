@@ -8,10 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import ExitStack
-<<<<<<< HEAD
-from dataclasses import dataclass, replace
-=======
->>>>>>> 10f4367628f44ab9e2f90c7830ae4cc08b3437be
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,10 +18,6 @@ from analyze.errors import ImportRefused
 from analyze.importing.assignment import assigned_ids
 from analyze.importing.camera_pose import EstimatedCameraPose, camera_pose_from_strike, mean_camera_pose
 from analyze.importing.found_strikes import FoundStrikes, find_strikes, refuse_unplanned
-<<<<<<< HEAD
-from analyze.importing.mat_cameras import mat_cameras
-from analyze.importing.off_place import off_place
-=======
 from analyze.importing.inputs import (
     StruckPlan,
     open_tosses,
@@ -32,7 +25,8 @@ from analyze.importing.inputs import (
     refuse_full,
     refuse_other_camera,
 )
->>>>>>> 10f4367628f44ab9e2f90c7830ae4cc08b3437be
+from analyze.importing.mat_cameras import mat_cameras
+from analyze.importing.off_place import off_place
 from analyze.importing.onsets import Onset, OnsetFinder
 from analyze.importing.options import ImportOptions
 from analyze.importing.prepare_tosses import prepare_tosses
