@@ -181,6 +181,7 @@ def show_import(found: bool = False) -> None:
         match = SimpleNamespace(best=fit, following=fit)
     render_import(
         SimpleNamespace(
+            sources=[clip],
             windows=windows,
             clips=[clip],
             was_split=False,
