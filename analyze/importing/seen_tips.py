@@ -10,7 +10,7 @@ from itertools import islice
 from analyze.calibration.mat_pose import read_mat
 from analyze.cameras.camera_file import CameraFile
 from analyze.errors import TrackingError
-from analyze.importing.mat_cameras import MatWatch, SeenMat
+from analyze.importing.mat_cameras import SOURCE_IMAGES, MatWatch, SeenMat
 from analyze.importing.tip_view import TagView, tag_views
 from analyze.importing.windows import Clip, FoundTip, window_around
 from analyze.progress import Progress
@@ -115,6 +115,8 @@ def see_tips(
             if clips[tip.clip].last_ns is not None:
                 deque(whole.frames(), maxlen=0)
                 filmed.append((tip.name, whole))
+            else:
+                deque(islice(whole.frames(), SOURCE_IMAGES), maxlen=0)
             mats.append(whole.mat.seen(tip.name))
             continue
         frame_ns = clips[tip.clip].frame_ns
