@@ -15,6 +15,7 @@ from analyze.calibration.detect import BoardSighting, families_seen, find_corner
 from analyze.calibration.place import LYING, STANDING, CameraPlace, implausibilities, place_camera
 from analyze.calibration.verdict import MIN_VIEWS
 from analyze.cameras.board_images import Image, read_image, read_images, resolve_inputs
+from analyze.cameras.mat_place import place_by_mat
 from analyze.cameras.rig_file import read_rig
 from analyze.errors import CalibrationError
 from analyze.progress import Progress
@@ -46,7 +47,11 @@ class CalibrateOptions:
     model: LensModel = LensModel.PINHOLE
     """lens model to fit"""
     table: Path | None = None
-    """image of the board on the table; None if the camera's pose is not measured"""
+    """image of the board on the table; None if the camera's pose is not measured by it"""
+    mat: Path | None = None
+    """image of the mat on the table; None if the camera's pose is not measured by it"""
+    mat_ruler_mm: float | None = None
+    """length of the mat's ruler as measured on the print [mm]; None for the nominal one"""
     upright: bool = False
     """True if the board stands in the image `table`, False if it lies on the table"""
     mark_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -151,7 +156,11 @@ def calibrate_camera(options: CalibrateOptions, progress: Progress) -> Calibrati
         }
         raise CalibrationError(_too_few_views(len(shots), looked_at, left_out))
     found = calibrate(shots, options.board, options.model, progress)
-    place = None if options.table is None or found.undetermined else _place(options, options.table, found)
+    place = None
+    if options.mat is not None and not found.undetermined:
+        place = place_by_mat(options.mat, found.lens, found.covariance, options.mat_ruler_mm)
+    elif options.table is not None and not found.undetermined:
+        place = _place(options, options.table, found)
     doubts = (*found.doubts, *(() if place is None else implausibilities(place.T_world_camera)))
     return CalibrationAnswer(
         options,

@@ -10,11 +10,12 @@ from typing import Any
 from analyze.cameras.calibrate import CalibrationAnswer
 from analyze.cameras.rig_file import read_rig
 from analyze.errors import CalibrationError
+from analyze.types import Array
 from schemas.document import validate
 from schemas.input_file import read_text
 from schemas.output_file import write_text
 from schemas.session_manifest import CameraCalibrationSpec
-from schemas.toml_table import with_table
+from schemas.toml_table import with_entry, with_table
 from schemas.wording import counted
 
 TABLE = "camera.calibration"
@@ -85,7 +86,7 @@ def write_calibration(answer: CalibrationAnswer, output: Path) -> None:
     ]
     if answer.world_camera is None:
         lines.append(
-            "# T_world_camera was not measured: keep the rig file's, or calibrate with --table IMAGE"
+            "# T_world_camera was not measured: keep the rig file's, or calibrate with --mat or --table IMAGE"
         )
     write_text(output, "\n".join(lines) + "\n")
 
@@ -106,8 +107,29 @@ def refuse_unplaced(rig: Path) -> None:
 def _unplaced(rig: Path) -> CalibrationError:
     """Error for a rig file that has no camera pose, when the calibration does not measure it."""
     return CalibrationError(
-        f"{rig}: has no camera pose (T_world_camera), and none is measured here: add --table IMAGE"
+        f"{rig}: has no camera pose (T_world_camera), and none is measured here: add --table IMAGE, or "
+        "--mat IMAGE"
     )
+
+
+def write_pose_into_rig(T_world_camera: Array, rig: Path) -> None:
+    """Write the camera's pose into a rig file's table [camera.calibration]; all else stays as it is.
+
+    Args:
+        T_world_camera: (4, 4) pose of the camera in the world frame [m].
+        rig: rig file, which exists.
+
+    Raises:
+        CalibrationError: the file has no plain table to write into.
+        OutputError: the file cannot be written.
+    """
+    pose = _matrix_toml(T_world_camera, 8)
+    text = with_entry(read_text(rig), TABLE, "T_world_camera", pose)
+    if text is None:
+        raise CalibrationError(
+            f"{rig}: has no plain table [{TABLE}] to write into: add by hand T_world_camera = {pose}"
+        )
+    write_text(rig, text)
 
 
 def write_into_rig(answer: CalibrationAnswer, rig: Path) -> None:

@@ -41,6 +41,8 @@ class ImportOptions:
     """videos or folders of images that show a toss each, taken whole, with the camera where it stood"""
     edges: tuple[str, ...] = ()
     """edges that the user states for strikes without a plan, as "s1=+x,bottom\""""
+    mat_ruler_mm: float | None = None
+    """length of the mat's ruler as measured on the print [mm]; None for the nominal one"""
 
     def source_options(self) -> tuple[SourceOptions, ...]:
         """Options for reading each source; one table holds for several folders with the same names.

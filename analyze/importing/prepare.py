@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,11 +25,13 @@ from analyze.importing.inputs import (
     refuse_full,
     refuse_other_camera,
 )
+from analyze.importing.mat_cameras import MatCameras, mat_cameras
+from analyze.importing.off_place import off_place
 from analyze.importing.onsets import Onset, OnsetFinder
 from analyze.importing.options import ImportOptions
 from analyze.importing.prepare_tosses import prepare_tosses
 from analyze.importing.prepared_import import Assignment, PreparedImport, storable_videos
-from analyze.importing.seen_tips import see_tips
+from analyze.importing.seen_tips import SeenTips, see_tips
 from analyze.importing.spool import Spool
 from analyze.importing.tip_view import TipView, view_by_placed_tag
 from analyze.importing.windows import (
@@ -103,7 +106,9 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
                 for each in zip(options.sources, sources, spools, strict=True)
             )
         tips, markers = found_tips(clips, splits), placed_markers(files.spec)
-        seen = see_tips(markers, camera, images, clips, tips, progress)
+        seen = see_tips(markers, camera, images, clips, tips, progress, options.mat_ruler_mm)
+        mat = mat_cameras(seen.mats, [tip.name for tip in tips], camera, camera_from_spec(camera.calibration))
+        camera, seen = _placed_by_mat(mat, camera, seen)
         views = [view_by_placed_tag(each, markers) for each in seen.tags]
         found: FoundStrikes | None = None
         if struck is None:
@@ -142,14 +147,47 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
             windows,
             splits,
             assignment,
-            (*seen.remarks, *(() if found is None else found.remarks)),
+            (
+                *seen.remarks,
+                *(() if mat is None else mat.remarks),
+                *_placing_remarks(found, struck.plan, camera if mat is not None else None, views, windows),
+            ),
             sources[0].rate_hz,
             calibration,
             None if found is None else found.strikes,
             tosses,
             place,
+            mat,
             stack.pop_all(),
         )
+
+
+def _placed_by_mat(mat: MatCameras | None, camera: CameraFile, seen: SeenTips) -> tuple[CameraFile, SeenTips]:
+    """Camera with the pose by the mat, and the tips as from one place; both unchanged without a mat."""
+    if mat is None:
+        return camera, seen
+    return mat.placed(camera), replace(seen, tags=mat.as_from_one_place(seen.tags))
+
+
+def _placing_remarks(
+    found: FoundStrikes | None,
+    plan: StrikePlan,
+    camera: CameraFile | None,
+    views: Sequence[TipView | None],
+    windows: Sequence[StrikeWindow],
+) -> tuple[str, ...]:
+    """Remarks on strikes that nobody planned, else on objects that a mat shows to stand off their cards.
+
+    Args:
+        found: strikes found without a plan; None if there was one.
+        plan: what was struck.
+        camera: camera whose pose a mat shows; None without a mat.
+        views: the object as it is seen at each tip.
+        windows: windows of the strikes.
+    """
+    if found is not None:
+        return found.remarks
+    return () if camera is None else tuple(off_place(plan, camera, views, windows))
 
 
 def _directions(plan: StrikePlan | None) -> frozenset[bool]:

@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from analyze.cameras.camera_file import camera_of, read_camera
 from analyze.errors import ImportRefused
 from analyze.importing.inputs import open_tosses, read_plan, refuse_full, refuse_other_camera
+from analyze.importing.mat_cameras import mat_cameras_of
 from analyze.importing.options import ImportOptions
 from analyze.importing.prepared_import import Assignment, PreparedImport, storable_videos
 from analyze.reading.object_file import read_object_files
@@ -21,7 +22,7 @@ def prepare_tosses(options: ImportOptions) -> PreparedImport:
 
     Raises:
         ImportRefused: a source cannot be read or is of another camera, there is no plan, or the camera file
-            states no pose.
+            states no pose and no mat is seen.
         OutputError: the disk has no room for the videos that will be stored.
         ShapeError, DocumentError, CalibrationError: a file cannot be used.
     """
@@ -36,10 +37,14 @@ def prepare_tosses(options: ImportOptions) -> PreparedImport:
     camera = camera_of(tosses) if options.camera_path is None else read_camera(options.camera_path)
     for source in tosses:
         refuse_other_camera(source, camera)
+    mat = mat_cameras_of(tosses, camera, options.mat_ruler_mm)
+    if mat is not None:
+        camera = mat.placed(camera)
     if not camera.placed:
         raise ImportRefused(
             f"{camera.path}: states no pose of the camera (T_world_camera), and without strikes nothing shows"
-            " where down is: calibrate with the board on the table (`analyze calibrate ... --table`)"
+            " where down is: lay a mat before the camera (`analyze print-tags --mat`), or calibrate with the"
+            " board on the table (`analyze calibrate ... --table`)"
         )
     refuse_full(options.aside, storable_videos(tosses) or ())
     return PreparedImport(
@@ -55,11 +60,12 @@ def prepare_tosses(options: ImportOptions) -> PreparedImport:
         (),
         False,
         Assignment.ORDER,
-        (),
+        () if mat is None else mat.remarks,
         tosses[0].rate_hz,
         camera.calibration,
         None,
         tosses,
         None,
+        mat,
         ExitStack(),
     )

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from analyze.cameras.camera_file import CameraFile
 from analyze.importing.camera_pose import EstimatedCameraPose
 from analyze.importing.found_strikes import FoundStrike
+from analyze.importing.mat_cameras import MatCameras
 from analyze.importing.options import ImportOptions
 from analyze.importing.windows import Clip, StrikeWindow
 from analyze.reading.annex_b import VideoFormat
@@ -76,7 +77,9 @@ class PreparedImport:
     tosses: tuple[FrameSource, ...]
     """sources that show a toss each; `images` ends with them"""
     place: EstimatedCameraPose | None
-    """camera pose estimated from the resting object; None if the camera file states the pose"""
+    """camera pose estimated from the resting object; None if the camera file or a mat states the pose"""
+    mat: MatCameras | None
+    """camera's pose in each tip by the mat; None if no mat is seen"""
     _open: ExitStack
 
     @property
@@ -88,6 +91,11 @@ class PreparedImport:
     def storable_videos(self) -> tuple[VideoSource, ...] | None:
         """All sources if each is a video that is stored as coded (H.264, H.265); None otherwise."""
         return storable_videos(self.all_sources)
+
+    def own_pose(self, window: StrikeWindow) -> list[float]:
+        """Pose of the camera in W in one strike, 16 numbers row by row; empty without a mat in it."""
+        own = None if self.mat is None else self.mat.own[window.tip]
+        return [] if own is None else own.ravel().tolist()
 
     @property
     def are_files(self) -> bool:

@@ -47,6 +47,11 @@ def render_import(prepared: PreparedImport) -> list[str]:
             else f"{counted(views, 'strike')}, which agree within {scatter} (rms)"
         )
         echo(f"the camera's pose comes from the object at rest in {checked}")
+    if prepared.mat is not None:
+        mat, degrees = prepared.mat, math.degrees(prepared.mat.turn_sd)
+        what = "strike" if prepared.windows else "toss"
+        sds = f"± {degrees:.2f} deg and {1000 * mat.place_sd:.1f} mm"
+        echo(f"the camera's pose comes from the mat ({mat.paper}) in {counted(mat.views, what)}, {sds}")
     return _remark(prepared.remarks())
 
 

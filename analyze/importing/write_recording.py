@@ -317,6 +317,7 @@ class _Session:
             window_end_ns=seen.last_ns,
             R_world_object=[value for row in planned.R_world_object for value in row],
             p_world_object=planned.p_world_object,
+            T_world_camera=self._prepared.own_pose(window),
         )
         self.strikes += 1
         self._writer.write_small(topics.SESSION_STRIKE, seen.last_ns, record.SerializeToString())

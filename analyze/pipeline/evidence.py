@@ -188,6 +188,8 @@ class Evidence:
     """closed bodies of the shape's mesh, largest first; empty unless the object's labels name bodies"""
     choices: Mapping[str, str] = field(default_factory=dict[str, str])
     """reasons for choosing a strike by strike id, where a session that stops itself chose it"""
+    camera_poses: Mapping[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
+    """T_world_camera by strike id, 16 numbers row by row, of strikes whose record states a pose of its own"""
     tosses: tuple[TossMotion, ...] = ()
     """tosses in the order of the recordings, with their free flights"""
 

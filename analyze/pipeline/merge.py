@@ -187,6 +187,7 @@ def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
         frames_lost=merged([each.frames_lost for each in ordered]),
         impacts=merged([each.impacts for each in ordered]),
         choices=merged([each.choices for each in ordered]),
+        camera_poses=merged([each.camera_poses for each in ordered]),
         recorded_in=recorded_in,
         tosses=tuple(tosses),
     )

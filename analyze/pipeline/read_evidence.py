@@ -37,7 +37,7 @@ from analyze.planning.corrected import corrected_plan
 from analyze.progress import Progress
 from analyze.reading.object_file import read_object_files
 from analyze.reading.recording import Recording, open_recording
-from analyze.tracking.camera_model import camera_from_spec
+from analyze.tracking.camera_model import camera_of_strike
 from analyze.tracking.track import TrackingReport, track_markers
 from analyze.types import Marker, TipMotion
 from schemas.object_spec import ObjectSpec, object_sha256
@@ -230,6 +230,9 @@ def evidence_from_readings(
         software_version(),
         bodies=struck.bodies,
         choices={record.strike_id: record.choice_text for record in records if record.choice_text},
+        camera_poses={
+            record.strike_id: tuple(record.T_world_camera) for record in records if record.T_world_camera
+        },
     )
 
 
@@ -307,7 +310,8 @@ def _strike(
             f"{recording.path}: strike {record.strike_id} follows plan strike {record.plan_strike_id!r},"
             " which its plan does not hold: record the strikes again with one plan"
         )
-    camera = turned_camera(camera_from_spec(recording.manifest.cameras[0].calibration), planned.heading_rad)
+    calibration = recording.manifest.cameras[0].calibration
+    camera = turned_camera(camera_of_strike(calibration, record.T_world_camera), planned.heading_rad)
     frames = recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns)
     report = track_markers(frames, camera, markers, planned.visible_markers)
     task = StrikeTask(

@@ -14,7 +14,7 @@ from analyze.pipeline.read_evidence import read_strike, struck_object
 from analyze.pipeline.sections import rolling_outline
 from analyze.replay import overlay, views
 from analyze.replay.viewer import ReplayError
-from analyze.tracking.camera_model import camera_from_spec
+from analyze.tracking.camera_model import camera_of_strike
 from schemas.strike_result import Verdict
 
 if TYPE_CHECKING:
@@ -179,7 +179,8 @@ def _animated(
             "name another strike with --page"
         )
     time_ns = np.array([image.time_ns for image in images]) + _late_ns(tracks, images)
-    camera = turned_camera(camera_from_spec(recording.manifest.cameras[0].calibration), planned.heading_rad)
+    calibration = recording.manifest.cameras[0].calibration
+    camera = turned_camera(camera_of_strike(calibration, record.T_world_camera), planned.heading_rad)
     rest = overlay.pose_at_rest(planned, tracks, markers, camera, contact_ns)
     inside = (time_ns >= fitted.time_ns[0]) & (time_ns <= fitted.time_ns[-1])
     theta = np.where(

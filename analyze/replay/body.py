@@ -5,7 +5,7 @@ An equi-plane is the plane through a strike's pivot axis that contains the centr
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +19,7 @@ from analyze.replay.palette import BRIGHT, GREY, REGIONS, SKY, Colour
 from analyze.result.headline import edge_labels
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -53,6 +53,17 @@ class SceneInputs:
     def planned(self, plan_strike_id: str) -> PlannedStrike | None:
         """Planned strike with the given id; None if the plan has none."""
         return next((strike for strike in self.plan.strikes if strike.id == plan_strike_id), None)
+
+    def seen_from(self, own_pose: Sequence[float]) -> SceneInputs:
+        """Copy with the camera's pose that a strike's record states.
+
+        Args:
+            own_pose: 16 numbers of the pose (4, 4), row by row; empty for this pose.
+        """
+        if not own_pose:
+            return self
+        T_world_camera = np.array(own_pose, dtype=float).reshape(4, 4)
+        return replace(self, camera=replace(self.camera, T_world_camera=T_world_camera))
 
     def camera_of(self, planned: PlannedStrike) -> CameraModel:
         """First camera of the recording, with its pose in the world frame W that belongs to a planned strike.

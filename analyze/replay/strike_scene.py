@@ -62,7 +62,7 @@ def send_strike(
     style = rr.SeriesLines(colors=[colour], names=[motion.strike_id], widths=[1.8])
     timelines.send_curve(every, motion.angle.time_ns, contact, np.degrees(motion.angle.theta), style)
     _phases(timelines, f"{root}/phases", contact, motion, motion.angle)
-    planned = body.planned(record.plan_strike_id)
+    planned, body = body.planned(record.plan_strike_id), body.seen_from(record.T_world_camera)
     if planned is not None:
         _over_image(timelines, f"{root}/camera", contact, motion, motion.angle, tracks, body, planned)
         _space(timelines, f"{root}/world", contact, motion.angle, body, planned)

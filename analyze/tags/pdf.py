@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
-from analyze.tags.sheet import MARGIN, RULER_FOOT, RULER_MM, STRIP, Page, PlacedTag, Rect
+from analyze.tags.sheet import MARGIN, RULER_FOOT, RULER_MM, STRIP, Label, Page, PlacedTag, Rect
 from schemas.output_file import write_bytes
 
 MM_PER_INCH = 25.4
@@ -50,15 +50,22 @@ def _figure(page: Page) -> Figure:
     """Draw a page, with its rulers; return a matplotlib figure of the paper's size."""
     figure = Figure(figsize=(page.width / MM_PER_INCH, page.height / MM_PER_INCH))
     sheet = _Sheet(figure, page)
-    sheet.write(MARGIN, page.height - MARGIN - 3.0, page.heading, 10, bold=True)
+    if page.heading:
+        sheet.write(MARGIN, page.height - MARGIN - 3.0, page.heading, 10, bold=True)
     for placed in page.tags:
         _draw_tag(sheet, placed)
     if page.black:
         sheet.black(page.black)
+    if page.caption:
         sheet.write(*page.caption_at, page.caption, 8)
     if page.origin is not None:
         _draw_origin(sheet, *page.origin)
-    _draw_rulers(sheet)
+    for stroke in page.strokes:
+        sheet.line(stroke.start, stroke.end, stroke.width, GREY if stroke.grey else INK, stroke.dash)
+    for label in page.labels:
+        sheet.label(label)
+    if page.rulers:
+        _draw_rulers(sheet)
     return figure
 
 
@@ -104,6 +111,13 @@ class _Sheet:
         if dash:
             line.set_dashes([4, 3])
         self._figure.add_artist(line)
+
+    def label(self, label: Label) -> None:
+        """Write a text of the page."""
+        where = np.array([label.x, label.y]) * self._scale
+        weight = "bold" if label.bold else "normal"
+        style = {"fontsize": label.points, "fontweight": weight, "ha": label.side, "va": "baseline"}
+        self._figure.text(where[0], where[1], label.text, color=INK, **style)
 
     def write(
         self, x: float, y: float, text: str, points: float, *, bold: bool = False, turned: bool = False

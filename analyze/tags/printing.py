@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,8 +10,12 @@ from pathlib import Path
 from analyze.errors import TagError
 from analyze.reading.object_file import read_spec
 from analyze.tags import families
+from analyze.tags.families import FAMILIES
+from analyze.tags.mat import mat, mat_of_tag
+from analyze.tags.mat_pages import mat_pages
 from analyze.tags.pdf import write_pdf
 from analyze.tags.sheet import Board, Page, Tag, board_page, parse_ids, refuse_impossible, tag_pages
+from schemas.tags import TagFamily, marker_name
 from schemas.wording import counted
 
 DEFAULT_SIZE_MM = 30.0
@@ -56,7 +61,8 @@ def print_tags(options: PrintOptions, output: Path) -> str:
         Line for the user with file, number and sizes [mm] of the tags, number of pages and paper.
 
     Raises:
-        TagError: a family, id or paper is unknown, the ids are not understood, or a size does not fit.
+        TagError: a family, id or paper is unknown, the ids are not understood, a size does not fit, or a
+            tag is one of the mat's.
         ShapeError: the object file is missing or cannot be used.
         OutputError: the file cannot be written.
     """
@@ -69,6 +75,7 @@ def print_tags(options: PrintOptions, output: Path) -> str:
         size = DEFAULT_SIZE_MM if options.size_mm is None else options.size_mm
         tags = [Tag(family, tag_id, size) for tag_id in parse_ids(options.ids or "0-11")]
         heading = f"Percuss: tags {family}"
+    _refuse_mats(tags)
     pages = tag_pages(tags, options.paper, heading)
     write_pdf(pages, output)
     sizes = sorted({tag.size_mm for tag in tags})
@@ -97,6 +104,31 @@ def print_board(options: BoardOptions, output: Path) -> str:
     return _print_message(output, page.caption, [page], options.paper)
 
 
+def print_mat(paper: str, output: Path) -> str:
+    """Write a mat, which lies under the object and shows the camera's pose, as a PDF.
+
+    Args:
+        paper: A4, A3, or A4x3 (three sheets A4 side by side).
+        output: path of the PDF.
+
+    Returns:
+        Line for the user with file, free area [mm], number of pages and paper, and the ruler to measure.
+
+    Raises:
+        TagError: the paper is unknown.
+        OutputError: the file cannot be written.
+    """
+    layout = mat(paper)
+    pages = mat_pages(layout)
+    write_pdf(pages, output)
+    along, across = (2 * math.floor(half) for half in layout.free)
+    sheets = f"{counted(len(pages), 'page')} {paper.partition('x')[0]}"
+    return (
+        f"{output}: mat with room for {along} x {across} mm; {sheets}: print at 100 %, then measure the "
+        f"ruler on the pivot line: {layout.ruler_mm:g} mm"
+    )
+
+
 def parse_board(options: BoardOptions) -> Board:
     """Calibration board that the options describe; whether it fits on the paper is not checked.
 
@@ -110,6 +142,17 @@ def parse_board(options: BoardOptions) -> Board:
     board = Board(options.family or families.ON_BOARDS, int(columns), int(rows), options.square_mm, marker)
     refuse_impossible(board)
     return board
+
+
+def _refuse_mats(tags: Sequence[Tag]) -> None:
+    """Check that no tag is one of a mat's, which would be taken for it.
+
+    Raises:
+        TagError: a tag belongs to the mat.
+    """
+    for tag in tags:
+        if tag.family in FAMILIES and mat_of_tag(marker_name(TagFamily(tag.family), tag.id)) is not None:
+            raise TagError(f"tag {tag.id} of {tag.family} belongs to the mat: choose ids below 500")
 
 
 def _print_message(output: Path, contents: str, pages: Sequence[Page], paper: str) -> str:

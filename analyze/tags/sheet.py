@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -101,6 +101,49 @@ class Board:
 
 
 @dataclass(frozen=True)
+class Stroke:
+    """Straight line on a page, or in a drawing that is moved to one."""
+
+    start: tuple[float, float]
+    """One end (x, y) [mm]."""
+    end: tuple[float, float]
+    """Other end (x, y) [mm]."""
+    width: float
+    """Width [mm]."""
+    grey: bool = False
+    """True to draw it in grey."""
+    dash: bool = False
+    """True to draw it dashed."""
+
+    def moved(self, x: float, y: float) -> Stroke:
+        """Copy of the line, moved by (x, y) [mm]."""
+        start, end = ((point[0] + x, point[1] + y) for point in (self.start, self.end))
+        return replace(self, start=start, end=end)
+
+
+@dataclass(frozen=True)
+class Label:
+    """One line of text on a page, or in a drawing that is moved to one."""
+
+    x: float
+    """Start, middle or end of the text [mm], by `side`."""
+    y: float
+    """Base line of the text [mm]."""
+    text: str
+    """The text."""
+    points: float
+    """Font size [1/72 inch]."""
+    side: str = "left"
+    """Which side of the text is at `x`: "left", "center" or "right"."""
+    bold: bool = False
+    """True for bold letters."""
+
+    def moved(self, x: float, y: float) -> Label:
+        """Copy of the text, moved by (x, y) [mm]."""
+        return replace(self, x=self.x + x, y=self.y + y)
+
+
+@dataclass(frozen=True)
 class Page:
     """Contents of one sheet of paper; lengths in mm, positions from the lower left corner, y up."""
 
@@ -120,6 +163,12 @@ class Page:
     """Start (x, y) of the caption's base line [mm]."""
     origin: tuple[float, float] | None = None
     """Origin (x, y) [mm] of a board's frame, with x to the right and y up; None for sheets of tags."""
+    strokes: tuple[Stroke, ...] = ()
+    """Further lines, as of the mat."""
+    labels: tuple[Label, ...] = ()
+    """Further texts, as of the mat."""
+    rulers: bool = True
+    """True to draw the rulers of sheets and boards at the lower left."""
 
 
 def parse_ids(text: str) -> list[int]:

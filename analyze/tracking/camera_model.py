@@ -13,6 +13,7 @@ k1 to k4 the lens's distortion coefficients. Its ideal pixels grow with tan(thet
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -23,9 +24,13 @@ from analyze.types import CameraModel
 from schemas.session_manifest import FISHEYE_COEFFICIENTS, LensModel
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from analyze.types import Array
     from schemas.session_manifest import CameraCalibrationSpec
 
+POSE_NUMBERS = 16
+"""number of entries of a pose (4, 4) in a message"""
 _NEWTON_STEPS = 12
 """number of Newton steps on a fisheye's theta"""
 _UNDISTORT_CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 1e-9)
@@ -53,6 +58,20 @@ def camera_from_spec(spec: CameraCalibrationSpec) -> CameraModel:
         line_time_s=spec.line_time_s,
         strain_sd=UNSTATED_STRAIN_SD if spec.strain_sd is None else spec.strain_sd,
     )
+
+
+def camera_of_strike(spec: CameraCalibrationSpec, own_pose: Sequence[float]) -> CameraModel:
+    """Camera model of a stored calibration, with the pose that one strike's record states, if it does.
+
+    Args:
+        spec: the session's calibration.
+        own_pose: 16 numbers, row by row the camera's pose (4, 4) in the world frame W at heading 0 [m], as a
+            mat in view shows it; empty for the session's pose.
+    """
+    camera = camera_from_spec(spec)
+    if len(own_pose) != POSE_NUMBERS:
+        return camera
+    return replace(camera, T_world_camera=np.array(own_pose, dtype=float).reshape(4, 4))
 
 
 def undistort(camera: CameraModel, points_px: Array) -> Array:

@@ -46,6 +46,8 @@ class _ImportArguments:
     """topic of the images in an MCAP file or bag; None for the only one"""
     tosses: tuple[Path, ...]
     """videos or folders of images that show a toss each"""
+    mat_ruler_mm: float | None
+    """length of the mat's ruler as measured on the print [mm]; None for the nominal one"""
     whole: bool
     """True to take each source as one strike"""
     yes: bool
@@ -122,6 +124,12 @@ class _ImportArguments:
     " toss.",
 )
 @click.option(
+    "--mat-ruler-mm",
+    type=NumberRange(10, 2000),
+    metavar="MM",
+    help="Length of the ruler on the mat's pivot line, as measured on the print.  [default: as it should be]",
+)
+@click.option(
     "--whole", is_flag=True, help="Take each source as one strike, from its first to its last image."
 )
 @click.option(
@@ -195,6 +203,7 @@ def _import_options(arguments: _ImportArguments) -> ImportOptions:
         arguments.times,
         arguments.tosses,
         arguments.edges,
+        arguments.mat_ruler_mm,
     )
 
 

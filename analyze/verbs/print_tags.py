@@ -33,7 +33,9 @@ class _PrintTagsOptions:
     square_mm: float | None
     """edge of a square of the board [mm]; None for the default"""
     paper: str
-    """A4 or Letter"""
+    """A4 or Letter; for the mat A4, A3 or A4x3"""
+    mat: bool
+    """True to print the mat, instead of tags"""
 
 
 @click.command("print-tags")
@@ -49,16 +51,28 @@ class _PrintTagsOptions:
 )
 @click.option("--squares", metavar="CxR", help="With --board: columns x rows.  [default: 7x9]")
 @click.option("--square-mm", type=float, help="With --board: edge of a square in mm.  [default: 22]")
-@click.option("--paper", default="A4", show_default=True, help="A4 or Letter.")
+@click.option(
+    "--paper",
+    default="A4",
+    show_default=True,
+    help="A4 or Letter; with --mat A4, A3, or A4x3: three sheets A4 side by side.",
+)
+@click.option(
+    "--mat",
+    is_flag=True,
+    help="Print the mat on which the object stands, with tags that show the camera's pose, instead of tags.",
+)
 @one_line
 @pass_options(_PrintTagsOptions)
 def print_tags(options: _PrintTagsOptions) -> None:
-    """Print tags, or a ChArUco board, as a PDF to scale, with rulers to check the print."""
+    """Print tags, a ChArUco board or the mat, as a PDF to scale, with rulers to check the print."""
     from analyze.tags import printing
 
     _refuse_contradictions(options)
     refuse_outputs([options.output], inputs=[options.object_file])
-    if options.board is not None:
+    if options.mat:
+        echo(printing.print_mat(options.paper, options.output))
+    elif options.board is not None:
         default = printing.BoardOptions()
         board = printing.BoardOptions(
             options.family,
@@ -76,15 +90,18 @@ def print_tags(options: _PrintTagsOptions) -> None:
 
 
 def _refuse_contradictions(options: _PrintTagsOptions) -> None:
-    """Refuse options of tags, of an object file and of a calibration board that do not go together.
+    """Refuse options of tags, of an object file, of a board and of the mat that do not go together.
 
-    `--object` excludes `--ids`, `--size-mm`, `--family` and `--board`; `--board` excludes `--ids` and
-    `--size-mm`; `--squares` and `--square-mm` need `--board`.
+    `--mat` excludes all others except `--paper`. `--object` excludes `--ids`, `--size-mm`, `--family` and
+    `--board`; `--board` excludes `--ids` and `--size-mm`; `--squares` and `--square-mm` need `--board`.
 
     Raises:
         click.UsageError: one of these rules is broken.
     """
     of_tags = (options.ids, options.size_mm)
+    of_mat = (options.object_file, options.family, options.board, options.squares, options.square_mm)
+    if options.mat and any(given is not None for given in (*of_tags, *of_mat)):
+        raise click.UsageError("the mat has tags of its own: of all options give only --paper with --mat")
     if options.object_file is not None and any(
         given is not None for given in (*of_tags, options.family, options.board)
     ):

@@ -147,7 +147,7 @@ class SessionState(_message.Message):
     def __init__(self, state: _Optional[_Union[SessionState.State, str]] = ..., strike_id: _Optional[str] = ..., attempt: _Optional[int] = ..., text: _Optional[str] = ..., toss_id: _Optional[str] = ...) -> None: ...
 
 class StrikeRecord(_message.Message):
-    __slots__ = ("strike_id", "plan_strike_id", "attempt", "window_start_ns", "window_end_ns", "contact_time_ns", "contact_time_sd_ns", "tip_speed_command_m_s", "tip_speed_m_s", "verdict_code", "verdict_text", "energy_ratio", "R_world_object", "p_world_object", "impact_height_m", "choice_text")
+    __slots__ = ("strike_id", "plan_strike_id", "attempt", "window_start_ns", "window_end_ns", "contact_time_ns", "contact_time_sd_ns", "tip_speed_command_m_s", "tip_speed_m_s", "verdict_code", "verdict_text", "energy_ratio", "R_world_object", "p_world_object", "impact_height_m", "choice_text", "T_world_camera")
     STRIKE_ID_FIELD_NUMBER: _ClassVar[int]
     PLAN_STRIKE_ID_FIELD_NUMBER: _ClassVar[int]
     ATTEMPT_FIELD_NUMBER: _ClassVar[int]
@@ -164,6 +164,7 @@ class StrikeRecord(_message.Message):
     P_WORLD_OBJECT_FIELD_NUMBER: _ClassVar[int]
     IMPACT_HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
     CHOICE_TEXT_FIELD_NUMBER: _ClassVar[int]
+    T_WORLD_CAMERA_FIELD_NUMBER: _ClassVar[int]
     strike_id: str
     plan_strike_id: str
     attempt: int
@@ -180,7 +181,8 @@ class StrikeRecord(_message.Message):
     p_world_object: _containers.RepeatedScalarFieldContainer[float]
     impact_height_m: float
     choice_text: str
-    def __init__(self, strike_id: _Optional[str] = ..., plan_strike_id: _Optional[str] = ..., attempt: _Optional[int] = ..., window_start_ns: _Optional[int] = ..., window_end_ns: _Optional[int] = ..., contact_time_ns: _Optional[int] = ..., contact_time_sd_ns: _Optional[float] = ..., tip_speed_command_m_s: _Optional[float] = ..., tip_speed_m_s: _Optional[float] = ..., verdict_code: _Optional[str] = ..., verdict_text: _Optional[str] = ..., energy_ratio: _Optional[float] = ..., R_world_object: _Optional[_Iterable[float]] = ..., p_world_object: _Optional[_Iterable[float]] = ..., impact_height_m: _Optional[float] = ..., choice_text: _Optional[str] = ...) -> None: ...
+    T_world_camera: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, strike_id: _Optional[str] = ..., plan_strike_id: _Optional[str] = ..., attempt: _Optional[int] = ..., window_start_ns: _Optional[int] = ..., window_end_ns: _Optional[int] = ..., contact_time_ns: _Optional[int] = ..., contact_time_sd_ns: _Optional[float] = ..., tip_speed_command_m_s: _Optional[float] = ..., tip_speed_m_s: _Optional[float] = ..., verdict_code: _Optional[str] = ..., verdict_text: _Optional[str] = ..., energy_ratio: _Optional[float] = ..., R_world_object: _Optional[_Iterable[float]] = ..., p_world_object: _Optional[_Iterable[float]] = ..., impact_height_m: _Optional[float] = ..., choice_text: _Optional[str] = ..., T_world_camera: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class TossRecord(_message.Message):
     __slots__ = ("toss_id", "plan_toss_id", "attempt", "window_start_ns", "window_end_ns", "verdict_code", "verdict_text")

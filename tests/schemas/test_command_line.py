@@ -88,6 +88,7 @@ def test_no_option_of_either_command_accepts_nan() -> None:
         "arm_length_mm",
         "countdown_s",
         "capture_fps_sd",
+        "mat_ruler_mm",
         "energy",
         "bodies",
         "gravity",

@@ -38,6 +38,10 @@ class _CalibrateArguments:
     """tag family of the board; None for the default"""
     table: Path | None
     """image of the board on the table, to measure the camera's pose; None if it is not measured"""
+    mat: Path | None
+    """image of the mat on the table, to measure the camera's pose; None if it is not measured by it"""
+    mat_ruler_mm: float | None
+    """length of the mat's ruler as measured on the print [mm]; None for the nominal one"""
     upright: bool
     """True if the board stands in the image `table`, False if it lies on the table"""
     mark_mm: str
@@ -55,7 +59,7 @@ class _CalibrateArguments:
 
 
 @click.command()
-@click.argument("inputs", metavar="IMAGE...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("inputs", metavar="IMAGE...", nargs=-1, type=click.Path(path_type=Path))
 @path_option(
     "-o", "--output", help="Calibration file to write (TOML): the table [camera.calibration] of a rig file."
 )
@@ -79,6 +83,18 @@ class _CalibrateArguments:
     "--table",
     metavar="IMAGE",
     help="Image of the board on the table, its mark at W's origin, to measure the camera's pose.",
+)
+@path_option(
+    "--mat",
+    metavar="IMAGE",
+    help="Image of the mat on the table (analyze print-tags --mat), to measure the camera's pose. With --rig "
+    "and without other images the lens is the rig file's.",
+)
+@click.option(
+    "--mat-ruler-mm",
+    type=NumberRange(10, 2000),
+    metavar="MM",
+    help="With --mat: length of the ruler on its pivot line, as measured.  [default: as it should be]",
 )
 @click.option(
     "--upright",
@@ -112,6 +128,9 @@ def calibrate(arguments: _CalibrateArguments) -> None:
     Print the board with `analyze print-tags --board charuco`. Take 15 views or more, tilted by 20 to 45
     degrees to all sides, and reaching into all corners of the image.
     """
+    if not arguments.inputs:
+        _measure_pose(arguments)
+        return
     from analyze.cameras.calibrate import calibrate_camera
     from analyze.progress import ProgressBar
     from analyze.verbs.calibrate.picture import write_picture
@@ -132,6 +151,36 @@ def calibrate(arguments: _CalibrateArguments) -> None:
     _write_files(answer, arguments)
 
 
+def _measure_pose(arguments: _CalibrateArguments) -> None:
+    """Measure the camera's pose alone, by the mat and with the rig file's lens; print it, or write it there.
+
+    Raises:
+        click.UsageError: the mat or the rig file is not given, or another option is.
+        CalibrationError: a file cannot be read, or the image shows too little of a mat.
+    """
+    from analyze.cameras.calibration_toml import write_pose_into_rig
+    from analyze.cameras.mat_place import place_of_rig_by_mat
+    from analyze.verbs.calibrate.table import place_json, place_line
+
+    if arguments.mat is None or arguments.rig is None:
+        raise click.UsageError(
+            "no images of the board are given: name them, or measure the pose alone with --mat IMAGE --rig "
+            "RIG.toml"
+        )
+    if arguments.output is not None or arguments.picture is not None or arguments.table is not None:
+        raise click.UsageError(
+            "--mat with --rig alone measures only the pose: leave -o, --picture and --table out"
+        )
+    place = place_of_rig_by_mat(arguments.mat, arguments.rig, arguments.mat_ruler_mm)
+    if arguments.as_json:
+        echo(json.dumps(place_json(place), allow_nan=False))
+    else:
+        echo(f"camera in W: {place_line(place)}")
+    if arguments.write:
+        write_pose_into_rig(place.T_world_camera, arguments.rig)
+        echo(f"written: T_world_camera in {arguments.rig}", err=True)
+
+
 def _calibrate_options(arguments: _CalibrateArguments) -> CalibrateOptions:
     from analyze.cameras.calibrate import CalibrateOptions
     from analyze.cameras.calibration_toml import refuse_unplaced
@@ -142,7 +191,11 @@ def _calibrate_options(arguments: _CalibrateArguments) -> CalibrateOptions:
         raise click.UsageError("--write needs a rig file to write into: add --rig RIG.toml")
     if arguments.table is None and (arguments.upright or arguments.mark_mm != _DEFAULT_MARK):
         raise click.UsageError("--upright and --mark-mm describe the board on the table: add --table IMAGE")
-    if arguments.write and arguments.rig is not None and arguments.table is None:
+    if arguments.mat is None and arguments.mat_ruler_mm is not None:
+        raise click.UsageError("--mat-ruler-mm describes the mat: add --mat IMAGE")
+    if arguments.mat is not None and arguments.table is not None:
+        raise click.UsageError("--mat and --table both measure the camera's pose: give one of them")
+    if arguments.write and arguments.rig is not None and arguments.table is None and arguments.mat is None:
         refuse_unplaced(arguments.rig)
     default = BoardOptions()
     size = default.square_mm if arguments.square_mm is None else arguments.square_mm
@@ -152,6 +205,8 @@ def _calibrate_options(arguments: _CalibrateArguments) -> CalibrateOptions:
         board,
         LensModel(arguments.model),
         arguments.table,
+        arguments.mat,
+        arguments.mat_ruler_mm,
         arguments.upright,
         parse_mark(arguments.mark_mm),
         arguments.rig,
@@ -188,7 +243,7 @@ def _picture_path(arguments: _CalibrateArguments) -> Path | None:
     """
     output = arguments.output
     picture = arguments.picture or (None if output is None else output.with_suffix(".png"))
-    inputs = [*arguments.inputs, arguments.rig, arguments.table]
+    inputs = [*arguments.inputs, arguments.rig, arguments.table, arguments.mat]
     refuse_outputs([output, picture], inputs=inputs, force=arguments.force)
     return picture
 

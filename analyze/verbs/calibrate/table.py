@@ -9,6 +9,7 @@ import numpy as np
 from rich.table import Table
 
 from analyze.calibration.choose import MOST_VIEWS
+from analyze.calibration.place import CameraPlace
 from analyze.calibration.verdict import place_in_image
 from analyze.cameras.calibrate import CalibrationAnswer
 from analyze.cameras.calibration_toml import calibration_spec
@@ -58,13 +59,7 @@ def render_calibration(answer: CalibrationAnswer, console: Terminal | None = Non
         f"{math.degrees(min(found.tilts)):.0f}-{math.degrees(max(found.tilts)):.0f} degrees",
     )
     if answer.place is not None:
-        x, y, z = answer.place.T_world_camera[:3, 3]
-        sx, sy, sz = 1000 * answer.place.position_sd
-        turns = ", ".join(f"{sd:.3f}" for sd in np.degrees(answer.place.turn_sd))
-        table.add_row(
-            "camera in W",
-            f"({x:.4f}, {y:.4f}, {z:.4f}) m ± ({sx:.2f}, {sy:.2f}, {sz:.2f}) mm; turns ± ({turns}) degrees",
-        )
+        table.add_row("camera in W", place_line(answer.place))
     console.print(table)
     if answer.alike:
         console.print(
@@ -88,6 +83,25 @@ def render_calibration(answer: CalibrationAnswer, console: Terminal | None = Non
         console.print(f"note: {note}")
 
 
+def place_line(place: CameraPlace) -> str:
+    """Words for a camera's pose: its place [m] with sd [mm], and the sd of its rotation [degrees]."""
+    x, y, z = place.T_world_camera[:3, 3]
+    sx, sy, sz = 1000 * place.position_sd
+    turns = ", ".join(f"{sd:.3f}" for sd in np.degrees(place.turn_sd))
+    return f"({x:.4f}, {y:.4f}, {z:.4f}) m ± ({sx:.2f}, {sy:.2f}, {sz:.2f}) mm; turns ± ({turns}) degrees"
+
+
+def place_json(place: CameraPlace) -> dict[str, Any]:
+    """Camera's pose in W, its standard deviations [rad, m], corners used and residual [px], as JSON."""
+    return {
+        "T_world_camera": place.T_world_camera.tolist(),
+        "turn_sd_rad": place.turn_sd.tolist(),
+        "position_sd_m": place.position_sd.tolist(),
+        "corners": place.corners,
+        "rms_px": place.rms_px,
+    }
+
+
 def notes(answer: CalibrationAnswer) -> list[str]:
     """Notes on what the calibration does not determine (camera pose, vertical), as lines of text.
 
@@ -95,7 +109,12 @@ def notes(answer: CalibrationAnswer) -> list[str]:
     board's squares.
     """
     lines: list[str] = []
-    if answer.place is not None:
+    if answer.place is not None and answer.options.mat is not None:
+        lines.append(
+            "the pose's sd holds for a mat whose ruler was measured, taped flat: 0.1 % of scale, "
+            "0.15 mm of curl"
+        )
+    elif answer.place is not None:
         lines.append(
             f"the camera's distance depends on squares of {answer.options.board.square_mm:g} mm, which no "
             "image can check: measure both rulers on the print; errors in placing the board are not in the sd"
@@ -109,7 +128,7 @@ def notes(answer: CalibrationAnswer) -> list[str]:
         or_kept = "" if answer.rig is not None else ", or --rig RIG.toml to keep the rig's"
         lines.append(
             "the camera's pose (T_world_camera) was not measured: for videos `analyze import` finds it from "
-            f"the object at rest; for a rig give --table IMAGE{or_kept}"
+            f"the object at rest, or from a mat; for a rig give --table IMAGE or --mat IMAGE{or_kept}"
         )
     if answer.rig is None and answer.place is None:
         return lines
@@ -182,15 +201,7 @@ def calibration_json(answer: CalibrationAnswer) -> dict[str, Any]:
         "surplus": answer.surplus,
         "dropped": [{"name": left.name, "reason": left.reason} for left in answer.dropped],
         "corners_dropped": found.corners_dropped,
-        "place": None
-        if place is None
-        else {
-            "T_world_camera": place.T_world_camera.tolist(),
-            "turn_sd_rad": place.turn_sd.tolist(),
-            "position_sd_m": place.position_sd.tolist(),
-            "corners": place.corners,
-            "rms_px": place.rms_px,
-        },
+        "place": None if place is None else place_json(place),
         "gravity_tilt_sd_rad": None if answer.rig is None else answer.rig.gravity_tilt_sd_rad,
         "calibration": None if spec is None else spec.model_dump(mode="json"),
     }

@@ -34,7 +34,7 @@ from analyze.registration.register import LeftOut, Registration, register
 from analyze.registration.round_body import rim_centre
 from analyze.registration.table import LAID_BOARD, UNKNOWN_TABLE
 from analyze.registration.views import StrikeView, strike_view
-from analyze.tracking.camera_model import camera_from_spec
+from analyze.tracking.camera_model import camera_of_strike
 from analyze.types import Array, Marker
 from schemas.input_file import read_text
 from schemas.object_spec import ObjectSpec, parse_object_spec, read_object_spec
@@ -305,7 +305,7 @@ def _views(evidence: Evidence, exclude: frozenset[str]) -> tuple[list[StrikeView
         used.
     """
     markers = unplaced_markers(evidence.spec)
-    cameras = [camera_from_spec(head.manifest.cameras[0].calibration) for head in evidence.recordings]
+    lenses = [head.manifest.cameras[0].calibration for head in evidence.recordings]
     views: list[StrikeView] = []
     unused: list[LeftOut] = []
     for motion in evidence.motions:
@@ -321,9 +321,8 @@ def _views(evidence: Evidence, exclude: frozenset[str]) -> tuple[list[StrikeView
                 planned = evidence.planned(motion)
                 section = rolling_outline(evidence.model, planned)
                 centre = rim_centre(evidence.model, planned)
-                view = strike_view(
-                    report.tracks, markers, cameras[setup], planned, motion, setup, section, centre
-                )
+                camera = camera_of_strike(lenses[setup], evidence.camera_poses.get(motion.strike_id, ()))
+                view = strike_view(report.tracks, markers, camera, planned, motion, setup, section, centre)
         if view is None:
             unused.append(LeftOut(motion.strike_id, reason))
         else:

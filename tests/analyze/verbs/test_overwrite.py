@@ -41,7 +41,18 @@ WRITERS = {
 """a command line for each option that names a file to write, without that option"""
 FORCED = {"calibrate", "fixture", "register", "rebase", "import"}
 """verbs with --force"""
-READ = {"--object", "--rig", "--camera", "--given", "--table", "--times", "--toss", "--plan", "--data"}
+READ = {
+    "--object",
+    "--rig",
+    "--camera",
+    "--given",
+    "--table",
+    "--mat",
+    "--times",
+    "--toss",
+    "--plan",
+    "--data",
+}
 FOLDERS = {"--out", "--csv"}
 """folders of results, whose files are replaced"""
 

@@ -181,6 +181,7 @@ def show_import(found: bool = False) -> None:
         match = SimpleNamespace(best=fit, following=fit)
     render_import(
         SimpleNamespace(
+            sources=[clip],
             windows=windows,
             clips=[clip],
             was_split=False,
@@ -189,6 +190,7 @@ def show_import(found: bool = False) -> None:
             rate_hz=120.0,
             formats="H.264",
             place=SimpleNamespace(deviation_rad=0.01, deviation_m=0.001, views=3),
+            mat=SimpleNamespace(turn_sd=0.001, place_sd=0.001, paper="A4x3", views=3),
             tosses=[SimpleNamespace(name="a long name of a video of the first toss.mp4")] * 3,
             remarks=list,
             found=[SimpleNamespace(strike_id=name, match=match, heading=-3.1) for name in STRIKES]
@@ -241,7 +243,7 @@ def show_calibration() -> None:
             without_board=[],
             dropped=[],
             doubts=[],
-            options=SimpleNamespace(board=board),
+            options=SimpleNamespace(board=board, mat=None),
             rig=None,
             rig_place=None,
             looked_at=15,
