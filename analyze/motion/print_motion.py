@@ -5,6 +5,9 @@ the turn about the vertical and the distance from the camera, which are fitted w
 along the image does not matter.
 """
 
+# numpy and cv2 are only partly typed.
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
 from __future__ import annotations
 
 import math
@@ -14,6 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.errors import TrackingError
+from analyze.motion.settings import MotionSettings
+from analyze.motion.strike import analyse_motion, placement_of
 from analyze.motion.tip_angle import PlanarMotion
 from analyze.tracking.print_follower import ROLL, THETA, YAW, PrintFollower, X, Z
 from analyze.tracking.print_template import IdealImages, print_template
@@ -22,21 +27,22 @@ from analyze.types import TipAngle
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from analyze.motion.strike_task import StrikeTask
     from analyze.motion.tip_angle import Placement
     from analyze.tracking.print_follower import PrintPose
-    from analyze.types import Array, CameraModel, ImageFrame, IntArray
+    from analyze.types import Array, CameraModel, ImageFrame, IntArray, TipMotion
 
 REST_SD = np.array([math.radians(1.5), 3e-3, 3e-3])
 """1 sigma of the pose at rest against the plan: turn about W's z [rad], place along x and y [m]"""
 _WORSE = 0.98
-"""share of the print explained, over the best so far, below which a correction of the pose at rest was wrong"""
+"""share of the print explained, over the best so far, below which a correction at rest was wrong"""
 REST_STEPS = 2
 """number of corrections of the pose at rest, each with the strike tracked again"""
 _REST_CONVERGED = np.array([math.radians(0.02), np.inf, 2e-4])
 """correction of the pose at rest below which the strike is not tracked again"""
 MAX_THETA_SD = math.radians(0.1)
-"""largest standard deviation of theta in one frame [rad] by the first image: above it the print is too poor"""
-BIAS_SD = math.radians(0.02)
+"""largest standard deviation of theta in one frame at rest [rad]: above it the print is too poor"""
+BIAS_SD = math.radians(0.03)
 """1 sigma of theta's error that neighbouring frames share: grey values between pixels, light, the pose at
 rest"""
 _REST_BEFORE_CONTACT_NS = 4_000_000
@@ -47,6 +53,24 @@ _MOVED_NOISE = 4.0
 """median change of grey against the first images, over its scatter, from which on the object moves"""
 _LEAST_EXPLAINED = 0.6
 """share of the print that a frame must explain, over that at rest, to count"""
+
+
+def analyse_printed_strike(
+    frames: Sequence[ImageFrame], camera: CameraModel, shape: tuple[Array, IntArray], task: StrikeTask
+) -> TipMotion:
+    """Analyse one strike on an object without markers: motion, phases, fits and verdict, by its print.
+
+    Args:
+        frames: images of the strike's window, in order of time.
+        camera: camera with its pose in W.
+        shape: vertices (v, 3) in O [m] and triangles (t, 3) of the object.
+        task: the strike as planned and as carried out.
+
+    Raises:
+        TrackingError: fewer than three images at rest, or a print too poor to show the tip.
+    """
+    motion = print_motion(frames, camera, shape, placement_of(task.planned), task.contact_time_ns)
+    return analyse_motion(motion, task, MotionSettings())
 
 
 def print_motion(

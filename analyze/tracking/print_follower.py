@@ -6,6 +6,9 @@ are fitted with the pose, and drop out. Wrong pixels (a hand, a shadow, a highli
 Tukey's function.
 """
 
+# numpy and cv2 are only partly typed.
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -248,7 +251,7 @@ def _by_rest_pose(template: PrintTemplate, camera: CameraModel, pivot: Array) ->
 
 
 def _moved(arms: Array) -> Array:
-    """Derivative (m, 3, 3) of points with arms (m, 3) from the pivot by a turn about z, shifts along x and y."""
+    """Derivative (m, 3, 3) of points, at arms (m, 3) from the pivot, by a turn about z and shifts in x, y."""
     moved = np.zeros((len(arms), 3, 3))
     moved[:, :, 0] = np.cross([0.0, 0.0, 1.0], arms)
     moved[:, 0, 1] = moved[:, 1, 2] = 1.0

@@ -7,21 +7,24 @@ each face is told from the print.
 Frames: O (object), W (world), C (camera).
 """
 
+# scipy and cv2 are only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false
+
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-import trimesh
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from analyze.tracking.camera_model import distort, project_ideal, world_to_camera
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     from analyze.types import Array, CameraModel, IntArray
@@ -37,7 +40,7 @@ _MOST_PER_CELL = 24
 BORDER_M, _LEAST_BORDER_PX = 4e-3, 4
 """distance from the outline and from edges between faces within which no point is taken [m, px]: as far as a
 hand puts the object off its planned place, so that no point lies on the background"""
-_SAME_FACE_RAD = np.radians(15.0)
+_SAME_FACE_RAD = math.radians(15.0)
 """largest angle between neighbouring triangles of one face"""
 _PLAIN_SHARE = 0.15
 """share of the points taken anywhere, for the light on each face"""
@@ -144,7 +147,8 @@ def print_template(
     depth = np.sum((corner[:, 0] - eye) * normal, axis=1) / np.sum(ray * normal, axis=1)
     at = eye + depth[:, None] * ray
     grey = np.array([blurred(rest, blur)[rows, columns] for blur in BLURS_PX], dtype=np.float64)
-    return _by_face(at, normal, faces[triangle], grey, pixels[:, :2], size[rows, columns])
+    places = np.column_stack([columns, rows]).astype(np.float64)
+    return _by_face(at, normal, faces[triangle], grey, places, size[rows, columns].astype(np.float64))
 
 
 def _by_face(
@@ -181,21 +185,22 @@ def _visible(camera: CameraModel, placed: Array, triangles: IntArray) -> tuple[I
         if facing[number] > 0:
             value = int(number) if facing[number] > _STEEPEST else -1
             cv2.fillConvexPoly(drawn, pixels[triangles[number]], value, shift=4)
-    return drawn.astype(np.int64), _faces(placed.tobytes(), triangles.tobytes(), len(triangles))
+    return drawn.astype(np.int64), _faces(placed, triangles, normal)
 
 
-@lru_cache(maxsize=4)
-def _faces(placed: bytes, triangles: bytes, count: int) -> IntArray:
+def _faces(placed: Array, triangles: IntArray, normals: Array) -> IntArray:
     """Face (t,) of each triangle: neighbours within `_SAME_FACE_RAD` of each other are of one face."""
-    mesh = trimesh.Trimesh(
-        np.frombuffer(placed).reshape(-1, 3),
-        np.frombuffer(triangles, dtype=np.int64).reshape(-1, 3),
-        process=False,
-    )
-    mesh.merge_vertices()
-    smooth = mesh.face_adjacency[mesh.face_adjacency_angles < _SAME_FACE_RAD]
-    labels = trimesh.graph.connected_component_labels(smooth, node_count=count)
-    return np.asarray(labels, dtype=np.int64)
+    _, merged = np.unique(np.round(placed, 7), axis=0, return_inverse=True)
+    corners = np.sort(merged.reshape(-1)[triangles], axis=1)
+    edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [0, 2]]])
+    owner = np.tile(np.arange(len(triangles)), 3)
+    order = np.lexsort(edges.T)
+    edges, owner = edges[order], owner[order]
+    shared = np.flatnonzero(np.all(edges[1:] == edges[:-1], axis=1))
+    one, other = owner[shared], owner[shared + 1]
+    smooth = np.sum(normals[one] * normals[other], axis=1) > math.cos(_SAME_FACE_RAD)
+    links = coo_array((np.ones(int(smooth.sum())), (one[smooth], other[smooth])), shape=(len(triangles),) * 2)
+    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
 
 
 def _inner(seen: IntArray, faces: IntArray, border: int) -> NDArray[np.bool_]:
