@@ -205,7 +205,7 @@ def demo(output: Path, force: bool, as_json: bool, **options: Any) -> None:
     devices = _device_options(options)
     place = replaced_output(output) if force else fresh_output(output)
     if options["strikes"] < 3 and not options["tosses"]:
-        raise click.UsageError(f"--strikes {options['strikes']}: ask for 3 or more, or for tosses (--tosses 3)")
+        raise click.UsageError(f"--strikes {options['strikes']}: ask for 3, or for tosses (--tosses 3)")
     target = target_of(options.pop("until"), options.pop("max_strikes"))
     plan = DemoPlan(**options, target=target)
     with SessionProgress() as progress:
