@@ -182,12 +182,7 @@ def session(
 @click.option(
     "-o", "--output", required=True, type=click.Path(path_type=Path), help="The recording to write (.mcap)."
 )
-@click.option(
-    "--strikes",
-    default=9,
-    type=click.IntRange(0),
-    help="Number of strikes to plan; with --tosses one or two are enough, and 0 is for tosses alone.",
-)
+@click.option("--strikes", default=9, type=click.IntRange(0), help="Number of strikes; 0 with --tosses.")
 @click.option(
     "--axes", type=click.IntRange(1), help="Largest number of pivot axes.  [default: as many as pay]"
 )
@@ -209,6 +204,8 @@ def demo(output: Path, force: bool, as_json: bool, **options: Any) -> None:
 
     devices = _device_options(options)
     place = replaced_output(output) if force else fresh_output(output)
+    if options["strikes"] < 3 and not options["tosses"]:
+        raise click.UsageError(f"--strikes {options['strikes']}: ask for 3, or for tosses (--tosses 3)")
     target = target_of(options.pop("until"), options.pop("max_strikes"))
     plan = DemoPlan(**options, target=target)
     with SessionProgress() as progress:

@@ -200,12 +200,21 @@ class ArmMotion:
         """Bring a moving arm to rest with as little waiting as possible; its position is not held yet.
 
         The last samples give the arm's velocity, and the current limit gives the time in which full reverse
-        current stops it. So the brake waits for no answer, which could be late or lost. Without a sample of
-        the last 80 ms the arm counts as standing and nothing is done.
+        current stops it. So the brake waits for no answer, which could be late or lost. A slow arm is ordered
+        to stay: with damping alone the servo would go on accelerating along its profile. Without a sample of
+        the last 80 ms the arm counts as standing.
         """
         now_ns = self._clock.monotonic_ns()
-        if not self._recent or now_ns - self._recent[-1].time_ns > MAX_SAMPLE_AGE_NS:
-            return
+        if self._recent and now_ns - self._recent[-1].time_ns <= MAX_SAMPLE_AGE_NS:
+            angle, velocity = self._predicted(now_ns)
+            if abs(velocity) > REST_RAD_S:
+                time.sleep(self._servo.brake(angle, velocity))
+            else:
+                self._servo.stay(angle)
+        self._servo.damp()
+
+    def _predicted(self, now_ns: int) -> tuple[float, float]:
+        """Arm's angle [rad] and velocity [rad/s] now, extrapolated from the samples kept for a brake."""
         first, last = self._recent[0], self._recent[-1]
         limit = self._config.full_acceleration_rad_s2
         slope = (last.velocity_rad_s - first.velocity_rad_s) / max(
@@ -215,6 +224,4 @@ class ArmMotion:
         velocity = last.velocity_rad_s + min(limit, max(-limit, slope)) * (
             VELOCITY_LAG_S + min(age_s, VELOCITY_LAG_S)
         )
-        if abs(velocity) > REST_RAD_S:
-            time.sleep(self._servo.brake(last.position_rad + velocity * age_s, velocity))
-        self._servo.damp()
+        return last.position_rad + velocity * age_s, velocity

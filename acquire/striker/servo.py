@@ -410,10 +410,19 @@ class Servo:
         Raises:
             StrikerLost: the port failed or is closed.
         """
-        low, high = self._config.cocked_angle_rad - 0.29, RUN_THROUGH_RAD + 0.14
-        behind = angle - math.copysign(BRAKE_GOAL_OFFSET_RAD, velocity)
-        self._bus.write_unanswered(*self._goal(min(high, max(low, behind)), 0.0, 0.0))
+        self.stay(angle - math.copysign(BRAKE_GOAL_OFFSET_RAD, velocity))
         return BRAKE_TIME_FACTOR * abs(velocity) / self._config.full_acceleration_rad_s2
+
+    def stay(self, angle: float) -> None:
+        """Order the arm to an angle [rad] at once, without a profile; an earlier motion ends.
+
+        Does not wait for an answer. An angle outside the arm's range is moved to its end.
+
+        Raises:
+            StrikerLost: the port failed or is closed.
+        """
+        low, high = self._config.cocked_angle_rad - 0.29, RUN_THROUGH_RAD + 0.14
+        self._bus.write_unanswered(*self._goal(min(high, max(low, angle)), 0.0, 0.0))
 
     def damp(self) -> None:
         """Set the servo's gains so that it only damps the arm's motion and no longer controls the position.

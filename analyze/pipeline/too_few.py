@@ -35,8 +35,11 @@ def too_few_text(
         tosses: all tosses of the recordings, of which none can be used.
     """
     if not motions and tosses:
-        bad = ", ".join(f"{toss.toss_id} {toss.verdict.value.replace('_', ' ')}" for toss in tosses)
-        return f"no good toss of {len(tosses)} ({bad}), and no strike: {tosses[0].reason}"
+        left = [toss for toss in tosses if toss.toss_id not in excluded]
+        if not left:
+            return f"every toss is excluded on request ({len(tosses)}), and no strike was made: exclude fewer"
+        seen = ", ".join(f"{toss.toss_id} {toss.verdict.value.replace('_', ' ')}" for toss in left)
+        return f"no good toss of {len(left)} ({seen}), and no strike: {left[0].reason}"
     left_out = [motion for motion in motions if motion.strike_id in excluded]
     bad = [motion for motion in motions if motion.strike_id not in usable and motion not in left_out]
     reasons: list[str] = []

@@ -191,6 +191,10 @@ def disagreement(flight: FlightEstimate, alone: JointSolution, both: JointSoluti
             np.sum(x[SECOND.stop :] ** 2)
         )
 
+    # Leans of the table are in units of their sd, which each solution estimates for itself.
+    x = both.x.copy()
+    for level in range(len(alone.model.tilts)):
+        x[alone.model.tilt_terms(level)] *= both.factors.tilt / alone.factors.tilt
     apart = np.concatenate([both.x[COM], scale_free(both.x[SECOND])[0]]) - flight.mean
     own = float(apart @ np.linalg.solve(flight.covariance, apart))
-    return max(misfit(both.x) - misfit(alone.x) + own, 0.0)
+    return max(misfit(x) - misfit(alone.x) + own, 0.0)

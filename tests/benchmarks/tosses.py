@@ -144,12 +144,14 @@ def tip_of(
 ) -> tuple[float, float]:
     """True phi [rad] and k [rad/s^2] about a planned strike's edge, `wider` [m] in radius than stated."""
     R, radius = np.array(strike.R_world_object), strike.pivot.radius_m + wider
-    hull = (model.hull_vertices - np.array(strike.pivot.point)) @ R.T
-    height = hull[:, 2] - hull[:, 2].min()
-    corner, above = hull[height < 1e-4, 0].max(), height > 5e-3
-    lean = float(np.arctan2(hull[above, 0] - corner, height[above]).max())
-    # The centre of a rounding that touches table and wall: up and back from the sharp corner.
-    back = (1 + np.sin(lean)) / np.cos(lean)
+    ends = (model.vertices - np.array(strike.pivot.point)) @ R.T
+    height = ends[:, 2] - ends[:, 2].min()
+    corner = ends[height < 1e-4, 0].max()
+    # The wall at the edge ends at the next ring of vertices.
+    ring = (height > 3e-3) & (height < height[height > 3e-3].min() + 1e-3)
+    lean = float(np.arctan2(ends[ring, 0] - corner, height[ring]).max())
+    # The centre of a rounding that touches table and wall, which leans outwards: up and back from the corner.
+    back = (1 - np.sin(lean)) / np.cos(lean)
     arm = R @ (np.array(thing.body.com_object) - np.array(strike.pivot.point))
     arm -= wider * np.array([-back, 0.0, 1.0])
     arm[1] = 0.0

@@ -221,7 +221,7 @@ def test_wrong_usage_is_one_line_and_code_2() -> None:
         (
             acquire,
             ["demo", "-o", "x.mcap", "--strikes", "2"],
-            r"acquire: .*'--strikes': 2 is not in the range .* \(see acquire demo --help\)",
+            r"acquire: --strikes 2: ask for 3, .*--tosses 3\) \(see acquire demo --help\)",
         ),
         (acquire, ["--loud"], r"acquire: No such option.*--loud.* \(see acquire --help\)"),
         (
@@ -233,7 +233,7 @@ def test_wrong_usage_is_one_line_and_code_2() -> None:
         (
             analyze,
             ["plan", "x.toml", "--strikes", "0"],
-            r"analyze: .*'--strikes'.* \(see analyze plan --help\)",
+            r"analyze: --strikes 0 plans nothing: .* \(see analyze plan --help\)",
         ),
         (
             analyze,

@@ -95,7 +95,9 @@ class Held:
 def test_a_session_waits_while_it_is_held(ends: Exception | None, monkeypatch: pytest.MonkeyPatch) -> None:
     runner, daemon, paused = SessionRunner.__new__(SessionRunner), Held(ends), []
     runner._client, runner._options = daemon, SessionOptions()  # type: ignore[assignment]
-    runner._machine = SimpleNamespace(state=s.State.ARMING, strike=planned("s1"), attempt=2)  # type: ignore[assignment]
+    runner._machine = SimpleNamespace(  # type: ignore[assignment]
+        state=s.State.ARMING, plan=plan(planned("s1")), strike=planned("s1"), attempt=2
+    )
     runner._status = SimpleNamespace(pause=paused.append)  # type: ignore[assignment]
     monkeypatch.setattr(runner, "_report", paused.append)
     monkeypatch.setattr(runner, "_check_pose", lambda strike: events.PoseChecked(good=True))

@@ -187,3 +187,10 @@ def test_without_strikes_and_good_tosses_there_is_no_answer() -> None:
     )
     with pytest.raises(EstimationError, match=r"no good toss of 2 \(t0.1 slow, t1.1 slow\).*spin it faster"):
         answer_evidence(replace(whole, motions=(), tosses=bad))
+
+
+def test_excluding_every_toss_says_so() -> None:
+    whole = replace(evidence(), motions=())
+    options = EstimateOptions(exclude=frozenset(toss.toss_id for toss in whole.tosses))
+    with pytest.raises(EstimationError, match=r"every toss is excluded on request \(2\).*exclude fewer"):
+        answer_evidence(whole, options)

@@ -8,11 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
+from analyze.importing.mat_cameras import MatWatch
 from analyze.importing.options import ImportOptions
 from analyze.importing.prepare import prepare
 from analyze.importing.seen_tips import WatchedImages
 from analyze.sources.source import TimedImage
 from analyze.tracking.camera_motion import camera_shift
+from analyze.types import CameraModel
 from tests.analyze.importing.tip_videos import REST, setting, tip, write_video
 
 
@@ -90,7 +92,13 @@ def test_camera_that_is_bumped_in_a_strike_or_between_strikes_is_reported(tmp_pa
 def test_shake_that_returns_is_reported_like_one_that_stays(returns):
     aside = moved(scene(), (3.0, 0.0))
     images = [scene()] * 40 + [aside] * 40 + [scene() if returns else aside] * 20
-    watched = WatchedImages([TimedImage(number, noisy(image, number)) for number, image in enumerate(images)])
+    lens = CameraModel(
+        640, 360, np.array([[600.0, 0, 320], [0, 600, 180], [0, 0, 1]]), np.zeros(5), np.eye(4)
+    )
+    watched = WatchedImages(
+        [TimedImage(number, noisy(image, number)) for number, image in enumerate(images)],
+        MatWatch(lens, None, None),
+    )
     assert len(list(watched.frames())) == len(images)
     assert watched.shift_px == pytest.approx(3.0, abs=0.4)
 
