@@ -44,6 +44,11 @@ class Packaging:
     glossy: bool = False
     """True if faces show a soft highlight, which stays with camera and lamp"""
 
+    @property
+    def is_plain(self) -> bool:
+        """True if faces have one grey and no gloss."""
+        return self.kind is PrintKind.BLANK and not self.glossy
+
 
 BLANK = Packaging()
 """faces of one grey, without gloss"""

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from acquire.virtual.backdrop import FAR_EDGE_M, LIGHT_WORLD
+from acquire.virtual.gloss import Gloss
 from acquire.virtual.layers import Layer, Outline, compose, filled_layer, masked, overlay
 from acquire.virtual.render_mesh import FaceGroup, face_groups
 from acquire.virtual.render_parts import PartGroups
@@ -56,7 +57,7 @@ class ObjectPainter:
     """Painter of image layers of one object with its tags, and of its shadow.
 
     A mesh with hollows is drawn as convex parts, which fill small hollows. Not modelled: the rounding of
-    edges, print on the faces, gloss, light reflected between faces.
+    edges, relief of the print, light reflected between faces.
 
     Args:
         virtual_object: the object; tags without a given pose on it are not drawn.
@@ -74,6 +75,7 @@ class ObjectPainter:
         else:
             self._groups = self._parts.groups
         self._prints = printed_groups(virtual_object, self._groups)
+        self._gloss = Gloss(lens, width, height) if virtual_object.packaging.glossy else None
         self._cards: list[_Card] = []
         for marker in virtual_object.spec.marker:
             if marker.T_object_marker is None:
@@ -287,7 +289,10 @@ class ObjectPainter:
         outline = Outline(pixels[:, group.start[used]], pixels[:, group.end[used]], step[used], cover[used])
         if printed is not None:
             outline = self._with_print(outline, printed, value / _ALBEDO, pose)
-        return filled_layer(outline, self._width, self._height)
+        layer = filled_layer(outline, self._width, self._height)
+        if layer is not None and self._gloss is not None:
+            self._gloss.add(layer, group, visible[:-1].astype(bool), pose)
+        return layer
 
     def _with_print(
         self,

@@ -9,7 +9,7 @@ import numpy as np
 
 from acquire.virtual.body_chart import BodyChart
 from acquire.virtual.layers import cut_lines
-from acquire.virtual.packaging import design
+from acquire.virtual.packaging import PrintKind, design
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -50,6 +50,8 @@ def printed_groups(
         virtual_object: the object with its packaging.
         groups: its groups of faces.
     """
+    if virtual_object.packaging.kind is PrintKind.BLANK:
+        return (None,) * len(groups)
     chart = BodyChart(virtual_object.mesh_vertices)
     patches = design(chart.panels(groups), virtual_object.packaging, virtual_object.spec.name)
     return tuple(_print_lines(chart, group, patches) for group in groups)

@@ -18,6 +18,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -163,9 +164,7 @@ def _intervals(z: list[float]) -> list[str]:
     return [f"{_rms(finite):.2f}", f"{100 * np.mean(np.abs(finite) < 1.96):.0f}"]
 
 
-def _run[Case, Found](
-    run: Callable[[Case], Found], cases: Sequence[Case], title: str, workers: int
-) -> Iterator[Found]:
+def _run(run: Callable[[Any], Any], cases: Sequence[Any], title: str, workers: int) -> Iterator[Any]:
     """Yield the results of cases as they end."""
     with ProcessPoolExecutor(workers) as pool:
         futures = [pool.submit(run, case) for case in cases]
