@@ -51,7 +51,7 @@ _LEAST_REST = 3
 """least number of frames at rest"""
 _MOVED_NOISE = 4.0
 """median change of grey against the first images, over its scatter, from which on the object moves"""
-_LEAST_EXPLAINED = 0.6
+_LEAST_EXPLAINED = 0.8
 """share of the print that a frame must explain, over that at rest, to count"""
 
 
@@ -97,31 +97,35 @@ def print_motion(
     """
     images = IdealImages(camera)
     rested = _frames_at_rest(frames, contact_time_ns)
-    rest = np.mean([images.ideal(frame.image) for frame in frames[:rested]], axis=0).astype(np.float32)
+    rest = [images.ideal(frame.image) for frame in frames[:rested]]
     pivot = placement.R_world_object @ placement.p_object_pivot + placement.p_world_object
-    turned = np.zeros(3)
+    turned, starts = np.zeros(3), None
     best: tuple[float, Array, list[PrintPose]] | None = None
     for step in range(REST_STEPS + 1):
         # Where the object was put down otherwise, so was its edge: the camera is moved instead.
         before = _moved_camera(camera, pivot, turned)
         pose = placement.R_world_object, placement.p_world_object
         template = print_template(rest, before, *shape, pose)
-        _refuse_blank(template.faces)
-        follower = PrintFollower(template, before, pivot, placement.radius)
-        poses = [follower.add(frame.image) for frame in frames]
+        _refuse_unseen(template.faces)
+        follower = PrintFollower(template, before, images, pivot, placement.radius)
         if step == 0:
-            _refuse_vague(poses[:rested])
+            _refuse_vague(follower.theta_sd())
+        poses = [
+            follower.add(frame.image, None if starts is None else starts[number])
+            for number, frame in enumerate(frames)
+        ]
         explained = float(np.mean([pose.explained for pose in poses]))
         if best is None or explained > best[0]:
             best = explained, turned, poses
         elif explained < _WORSE * best[0]:
             # Too far: half the way back.
-            turned = 0.5 * (turned + best[1])
+            turned, starts = 0.5 * (turned + best[1]), None
             continue
         correction = _rest_correction(poses[rested:], turned)
         if np.all(np.abs(correction) < _REST_CONVERGED):
             break
         turned = turned + correction
+        starts = [pose.x + pose.by_rest @ correction if pose.explained > 0 else None for pose in poses]
     assert best is not None  # noqa: S101 - there is a step
     return _planar(frames, best[2], rested, camera, float(best[1][0]))
 
@@ -170,30 +174,46 @@ def _moved_camera(camera: CameraModel, pivot: Array, turned: Array) -> CameraMod
 
 def _rest_correction(poses: Sequence[PrintPose], turned: Array) -> Array:
     """Change (3,) of the pose at rest by the frames in motion, about its present difference from the plan."""
-    seen = [pose for pose in poses if pose.explained > 0]
-    information = sum((pose.shared[0] for pose in seen), np.diag(REST_SD**-2.0))
-    gradient = sum((pose.shared[1] for pose in seen), -turned / REST_SD**2)
-    return np.asarray(np.linalg.solve(information, gradient), dtype=np.float64)
+    gradient = sum((pose.shared[1] for pose in poses), -turned / REST_SD**2)
+    return np.asarray(np.linalg.solve(_rest_information(poses, 1.0), gradient), dtype=np.float64)
 
 
-def _refuse_blank(faces: int) -> None:
+def _rest_information(poses: Sequence[PrintPose], share: float) -> Array:
+    """Information (3, 3) about the pose at rest: the plan's, and a share of that of the frames in motion."""
+    return share * sum((pose.shared[0] for pose in poses), np.zeros((3, 3))) + np.diag(REST_SD**-2.0)
+
+
+def _theta_sd_by_rest(poses: Sequence[PrintPose], rested: int) -> float:
+    """Standard deviation of theta [rad] by the uncertainty of the pose at rest, in the frame it affects most.
+
+    The frames share the noise of the template, so that they count no more than the images at rest do.
+    """
+    moving = [pose for pose in poses[rested:] if pose.explained > 0]
+    if not moving:
+        return 0.0
+    covariance = np.linalg.inv(_rest_information(moving, 1.0 / (1.0 + len(moving) / rested)))
+    change = np.array([pose.by_rest[THETA] for pose in moving]) - poses[0].by_rest[THETA]
+    return float(np.sqrt(np.einsum("ni,ij,nj->n", change, covariance, change).max()))
+
+
+def _refuse_unseen(faces: int) -> None:
     if faces == 0:
         raise TrackingError(
             "no face of the object is in view where the plan puts it: check its placement and the camera"
         )
 
 
-def _refuse_vague(rest: Sequence[PrintPose]) -> None:
+def _refuse_vague(theta_sd: float) -> None:
     """Refuse a print that determines theta to less than `MAX_THETA_SD` in one image.
 
     Raises:
         TrackingError: the print is too poor.
     """
-    sd = float(np.median([math.sqrt(pose.covariance[THETA, THETA]) for pose in rest]))
-    if sd > MAX_THETA_SD:
+    if theta_sd > MAX_THETA_SD:
+        found = "blank" if math.isinf(theta_sd) else f"good to {math.degrees(theta_sd):.2f} deg only"
         raise TrackingError(
-            f"the face in view has too little print: a frame shows the tip to {math.degrees(sd):.2f} deg,"
-            f" {math.degrees(MAX_THETA_SD):.1f} are needed: stick on any sticker with print, or a tag"
+            f"the face in view has too little print ({found}, {math.degrees(MAX_THETA_SD):.1f} deg are needed"
+            " in a frame): stick on any sticker with print, or a tag"
         )
 
 
@@ -221,7 +241,7 @@ def _planar(
         off_axis=off_axis,
         slip=x[:, X],
         zero_sd=math.hypot(0.5 * BIAS_SD, factor * float(np.median(single[:rested])) / math.sqrt(rested)),
-        slow_sd=BIAS_SD,
+        slow_sd=math.hypot(BIAS_SD, _theta_sd_by_rest(poses, rested)),
         strain_sd=camera.strain_sd,
     )
     planar = covariance[:, place][:, :, place] * factor**2

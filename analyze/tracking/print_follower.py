@@ -1,9 +1,9 @@
 """Motion of an object by its own print, frame by frame: template and image are compared as grey values.
 
-Forward Gauss-Newton (Lucas and Kanade 1981, in the form of Baker and Matthews 2004) over six unknowns of the
-body per frame, on two levels of blur. On each face the light is unknown: gain, level and a linear gradient
-are fitted with the pose, and drop out. Wrong pixels (a hand, a shadow, a highlight) lose their weight by
-Tukey's function.
+Gauss-Newton with the template's gradients (Hager and Belhumeur 1998; Baker and Matthews 2004) over six
+unknowns of the body per frame, on two levels of blur. On each face the light is unknown: gain, level and a
+linear gradient are fitted with the pose, and drop out. Wrong pixels (a hand, a shadow, a highlight) lose
+their weight by Tukey's function.
 """
 
 # numpy and cv2 are only partly typed.
@@ -11,44 +11,53 @@ Tukey's function.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
-from analyze.tracking.camera_model import project_ideal, project_jacobian, world_to_camera
-from analyze.tracking.print_template import BLURS_PX, IdealImages, PrintTemplate, blurred, gradients
+from analyze.tracking.camera_model import project_ideal, world_to_camera
+from analyze.tracking.print_template import BLURS_PX, blurred
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from analyze.tracking.print_template import Box, IdealImages, PrintTemplate
     from analyze.types import Array, CameraModel
 
 THETA, ROLL, YAW, X, Y, Z = range(6)
 """places of a frame's unknowns: tip about W's y, turns about W's x and z [rad], shift of the pivot [m]"""
 PRIOR_SD = np.array([np.inf, np.radians(0.05), np.radians(0.5), 5e-3, 1.5e-3, 3e-3])
 """1 sigma of the unknowns about a pure tip: a camera that looks along the edge hardly sees roll, yaw and y"""
-_ITERATIONS = (4, 6)
-"""number of steps on each level"""
+_PRIOR = PRIOR_SD**-2.0
+_ITERATIONS = (6, 6)
+"""largest number of steps on each level"""
+_RENEWED = 3
+"""number of steps after which the derivatives are computed anew"""
+_CONVERGED_RAD, _CONVERGED_M = 1e-5, 3e-6
+"""step below which a level ends"""
 _LARGEST_STEP = np.array([0.05, 0.01, 0.02, 0.004, 0.004, 0.004])
 """largest change of the unknowns in one step [rad, m]"""
 _TUKEY = 5.0
 """residual over its robust scale at which a pixel loses its weight"""
-_CORRELATED = (20.0, 3.0)
+CORRELATED = (20.0, 3.0)
 """number of points that count as one, as the blur correlates their noise, on each level"""
 _SEARCH_BELOW = 0.85
 """mean weight of the points, over the usual one, below which other tips are tried"""
-_SEARCHED_RAD = np.concatenate([np.arange(-8, 0), np.arange(1, 17)]) * 0.008
-"""tips that are tried, against the predicted one [rad]"""
+_SEARCH_RAD, _SEARCH_STEP_RAD = (-0.064, 0.128), 0.008
+"""range of tips that are tried, against the predicted one, and their spacing [rad]"""
 _TRIED = 3
 """number of the best of these that are fitted"""
-_LOST_BELOW = 0.6
+_LOST_BELOW = 0.8
 """mean weight of the points, over the usual one, below which a frame has no fit"""
 _LEAST_SEEN = 40
 """number of points in view below which nothing is fitted"""
 _BLURRED = 2.0
 """factor on the noise at rest up to which a moving frame's residuals count as explained"""
+_MARGIN_PX, _SEARCH_MARGIN_PX = 24, 90
+"""pixels around the points that are prepared for a fit, and for a search"""
 _OPEN_SD = np.array([1.0, 0.1, 0.1, 0.05, 0.05, 0.05])
 """1 sigma of the unknowns of a frame without a fit [rad, m]"""
 _LEAST_NOISE = 0.6
@@ -63,13 +72,48 @@ class PrintPose:
     """(6,) unknowns, as in `THETA` to `Z`"""
     covariance: Array
     """(6, 6) their covariance, from the noise of the pixels and the priors"""
-    residual: float
-    """robust scale of the residuals [grey]"""
     explained: float
     """mean weight of the points, 1 where all fit"""
     shared: tuple[Array, Array]
     """information (3, 3) and gradient (3,) about the rest pose: turn about W's z [rad], shift along x and y
     [m], with the frame's own unknowns fitted"""
+    by_rest: Array
+    """(6, 3) change of the unknowns by the rest pose"""
+
+
+class _View:
+    """Part of one image free of distortion, blurred level by level as it is needed."""
+
+    def __init__(self, images: IdealImages, image: NDArray[np.uint8], box: Box) -> None:
+        self._ideal = images.ideal(image, box)
+        self._origin = np.array([box[1].start, box[0].start])
+        self._levels: dict[int, NDArray[np.float32]] = {}
+
+    def at(self, pixels: Array, level: int) -> Array:
+        """Grey values (n,) at (n, 2) [px] of the whole image; pixels outside take the nearest value."""
+        if level not in self._levels:
+            self._levels[level] = blurred(self._ideal, BLURS_PX[level])
+        inner = (pixels - self._origin).astype(np.float32)
+        found = cv2.remap(
+            self._levels[level], inner[:, :1], inner[:, 1:], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        return found[:, 0].astype(np.float64)
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """Points of the template at given unknowns."""
+
+    turns: tuple[Array, Array, Array]
+    """matrices (3, 3) of tip, roll and yaw"""
+    arms: tuple[Array, Array, Array]
+    """points (m, 3) about the pivot after the tip, after the roll, after the yaw [m]"""
+    sight: Array
+    """(m, 3) points as seen from the camera, in W [m]"""
+    pixels: Array
+    """(m, 2) ideal pixels"""
+    seen: NDArray[np.bool_]
+    """(m,) True for points in the image that face the camera"""
 
 
 class PrintFollower:
@@ -78,42 +122,50 @@ class PrintFollower:
     Args:
         template: points and grey values at rest.
         camera: camera with its pose in W.
+        images: removal of the camera's distortion.
         pivot: (3,) point of the pivot's centre line at rest, in W [m].
         radius: radius of the edge's rounding [m], on which the body rolls.
     """
 
-    def __init__(self, template: PrintTemplate, camera: CameraModel, pivot: Array, radius: float) -> None:
+    def __init__(
+        self,
+        template: PrintTemplate,
+        camera: CameraModel,
+        images: IdealImages,
+        pivot: Array,
+        radius: float,
+    ) -> None:
         """Prepare the tracker; the first frame is expected at rest."""
-        self._template, self._camera = template, camera
+        self._template, self._camera, self._images = template, camera, images
         self._pivot, self._radius = pivot, radius
-        self._images = IdealImages(camera)
         self._arms = template.points - pivot
-        self._by_rest = _by_rest_pose(template, camera, pivot)
+        self._slope = template.slope.mean(axis=0)
+        self._by_rest = _by_rest_pose(template, camera, pivot) - _moved(self._arms)
+        self._light = [_light_terms(grey, template.shading, template.face) for grey in template.grey]
+        self._limits = _TUKEY * _BLURRED * np.maximum(template.noise, _LEAST_NOISE)
         self._R, self._t = world_to_camera(camera)
         self._x, self._speed, self._usual, self._missed = np.zeros(6), 0.0, 0.9, 1
-        self._noise = _LEAST_NOISE
 
-    def add(self, image: NDArray[np.uint8]) -> PrintPose:
+    def add(self, image: NDArray[np.uint8], start: Array | None = None) -> PrintPose:
         """Fit the next frame's pose.
 
         If the prediction leads to no fit, as in the frame after a blow, the coarse level and tips around the
         prediction are tried. A frame without a fit does not change what is predicted for the next.
+
+        Args:
+            image: the camera's image.
+            start: (6,) unknowns to begin with; None to predict them from the frames before.
         """
-        ideal = self._images.ideal(image)
-        start = self._x * np.array([1.0, 0.9, 0.9, 0.9, 0.9, 0.9])
-        start[THETA] += self._speed
+        if start is None:
+            start = self._x * np.array([1.0, 0.9, 0.9, 0.9, 0.9, 0.9])
+            start[THETA] += self._speed
         least = _SEARCH_BELOW * self._usual
-        pose = self._fit(ideal, start, len(BLURS_PX) - 1)
+        view = self._view(image, start, _MARGIN_PX)
+        pose = self._fit(view, start, len(BLURS_PX) - 1)
         if pose.explained < least:
-            pose = max(pose, self._levels(ideal, start), key=_explained)
+            pose = max(pose, self._levels(view, start), key=_explained)
         if pose.explained < least:
-            coarse = blurred(ideal, BLURS_PX[0])
-            tried = start + np.outer(_SEARCHED_RAD, np.eye(6)[THETA])
-            order = np.argsort([self._misfit(coarse, each) for each in tried])
-            for number in order[:_TRIED]:
-                pose = max(pose, self._levels(ideal, tried[number]), key=_explained)
-                if pose.explained >= least:
-                    break
+            pose = self._searched(image, start, pose, least)
         if pose.explained >= least:
             self._usual += 0.1 * (pose.explained - self._usual)
         if pose.explained >= _LOST_BELOW * self._usual:
@@ -123,70 +175,78 @@ class PrintFollower:
             self._missed += 1
         return pose
 
-    def _levels(self, ideal: NDArray[np.float32], start: Array) -> PrintPose:
-        """Fit from a start, level by level."""
-        pose = self._fit(ideal, start, 0)
-        for level in range(1, len(BLURS_PX)):
-            pose = self._fit(ideal, pose.x, level)
+    def _searched(self, image: NDArray[np.uint8], start: Array, pose: PrintPose, least: float) -> PrintPose:
+        """Best of `pose` and the fits from the tips that look most like the image."""
+        view = self._view(image, start, _SEARCH_MARGIN_PX)
+        low, high = _SEARCH_RAD
+        # A landing stops the body at once: back to where it was.
+        tips = np.arange(low - abs(self._speed) * self._missed, high, _SEARCH_STEP_RAD)
+        tried = start + np.outer(tips, np.eye(6)[THETA])
+        order = np.argsort([self._misfit(view, each) for each in tried])
+        for number in order[:_TRIED]:
+            pose = max(pose, self._levels(view, tried[number]), key=_explained)
+            if pose.explained >= least:
+                break
         return pose
 
-    def _misfit(self, image: NDArray[np.float32], x: Array) -> float:
+    def _view(self, image: NDArray[np.uint8], x: Array, margin: int) -> _View:
+        """Part of an image around the points at given unknowns."""
+        pixels = self._placed(x).pixels
+        size = np.array([self._camera.width, self._camera.height])
+        low = np.clip(pixels.min(axis=0) - margin, 0, size - 2 * margin).astype(int)
+        high = np.clip(pixels.max(axis=0) + margin, low + 2 * margin, size).astype(int)
+        return _View(self._images, image, (slice(low[1], high[1]), slice(low[0], high[0])))
+
+    def _levels(self, view: _View, start: Array) -> PrintPose:
+        """Fit from a start, level by level."""
+        pose = self._fit(view, start, 0)
+        for level in range(1, len(BLURS_PX)):
+            pose = self._fit(view, pose.x, level)
+        return pose
+
+    def _misfit(self, view: _View, x: Array) -> float:
         """Robust scale of the coarse residuals at given unknowns [grey]."""
-        pixels, _, facing = self._projected(x)
-        inside = facing & np.all((pixels > 2) & (pixels < self._far), axis=1)
-        grey = _sample(image, pixels[inside].astype(np.float32))
-        return self._without_light(grey, 0, inside)[3] if inside.sum() > _LEAST_SEEN else np.inf
+        placed = self._placed(x)
+        if placed.seen.sum() < _LEAST_SEEN:
+            return np.inf
+        light = self._light[0][placed.seen]
+        off, _ = _without_light(light, view.at(placed.pixels[placed.seen], 0), np.ones(len(light)))
+        return float(np.median(np.abs(off)))
 
-    def _fit(self, ideal: NDArray[np.float32], start: Array, level: int) -> PrintPose:
-        image = blurred(ideal, BLURS_PX[level])
-        by_x, by_y = gradients(image)
-        x = start.copy()
-        prior = np.where(np.isfinite(PRIOR_SD), PRIOR_SD**-2.0, 0.0)
-        information, scale, explained = np.zeros((6, 6)), 1.0, 0.0
-        shared = np.zeros((3, 3)), np.zeros(3)
-        for _ in range(_ITERATIONS[level]):
-            pixels, jacobian, facing = self._projected(x)
-            inside = facing & np.all((pixels > 2) & (pixels < self._far), axis=1)
-            if inside.sum() < _LEAST_SEEN:
+    def _fit(self, view: _View, start: Array, level: int) -> PrintPose:
+        x, open_ = start.copy(), _open(start)
+        seen, weight = np.zeros(0, dtype=bool), np.zeros(0)
+        light, unit = np.zeros((0, 0)), 0.0
+        system: _System | None = None
+        explained, shared = 0.0, np.zeros(3)
+        for turn in range(_ITERATIONS[level]):
+            placed = self._placed(x)
+            if turn % _RENEWED == 0:
+                seen = placed.seen
+                if seen.sum() < _LEAST_SEEN:
+                    return open_
+                light, weight = self._light[level][seen], np.ones(int(seen.sum()))
+            grey = view.at(placed.pixels[seen], level)
+            for _ in range(2 if turn % _RENEWED == 0 else 1):
+                off, scale = _without_light(light, grey, weight)
+                weight = np.clip(1.0 - (off / (_TUKEY * scale)) ** 2, 0.0, None) ** 2
+            if system is None or turn % _RENEWED == 0:
+                unit = 1.0 / scale**2 / CORRELATED[level]
+                design = self._design(placed, self._slope[level])[seen]
+                system = _System.of(design, light, unit * weight)
+            if system is None:
+                return open_
+            explained = float(np.mean(np.clip(1.0 - (off / self._limits[level]) ** 2, 0.0, None) ** 2))
+            step, shared = system.step(unit * weight * off, x)
+            x = x + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
+            if abs(step[THETA]) < _CONVERGED_RAD and np.abs(step[X:]).max() < _CONVERGED_M:
                 break
-            at = pixels[inside].astype(np.float32)
-            grey = _sample(image, at)
-            slope = np.column_stack([_sample(by_x, at), _sample(by_y, at)])
-            by_image = np.einsum("ni,nij->nj", slope, jacobian[inside])
-            light, off, weight, scale = self._without_light(grey, level, inside)
-            limit = _TUKEY * _BLURRED * max(self._noise, _LEAST_NOISE)
-            explained = float(np.mean(np.clip(1.0 - (off / limit) ** 2, 0.0, None) ** 2))
-            rows = weight / scale**2 / _CORRELATED[level]
-            A = np.column_stack([by_image, -light])
-            normal = (A * rows[:, None]).T @ A
-            right = (A * rows[:, None]).T @ off
-            # The light drops out.
-            inner = normal[9:, 9:] + 1e-9 * np.eye(light.shape[1])
-            solved = np.linalg.solve(inner, np.column_stack([normal[9:, :9], right[9:]]))
-            outer = normal[:9, :9] - normal[:9, 9:] @ solved[:, :9]
-            gradient = right[:9] - normal[:9, 9:] @ solved[:, 9]
-            information = outer[:6, :6] + np.diag(prior)
-            gradient[:6] -= prior * x
-            own = np.linalg.solve(information, np.column_stack([outer[:6, 6:], gradient[:6]]))
-            shared = outer[6:, 6:] - outer[6:, :6] @ own[:, :3], gradient[6:] - outer[6:, :6] @ own[:, 3]
-            step = np.clip(own[:, 3], -_LARGEST_STEP, _LARGEST_STEP)
-            x = x + step
-            if abs(step[THETA]) < 2e-6 and np.abs(step[X:]).max() < 1e-6:
-                break
-        if not np.all(np.isfinite(x)) or np.linalg.cond(information) > 1e20:
-            return PrintPose(start, np.diag(_OPEN_SD**2), np.inf, 0.0, (np.zeros((3, 3)), np.zeros(3)))
-        covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
-        return PrintPose(x, covariance, scale, explained, shared)
+        if system is None or not np.all(np.isfinite(x)):
+            return open_
+        return PrintPose(x, system.covariance, explained, (system.shared, shared), system.by_rest)
 
-    @property
-    def _far(self) -> Array:
-        return np.array([self._camera.width - 3, self._camera.height - 3])
-
-    def _projected(self, x: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Ideal pixels (m, 2) of the points, derivatives (m, 2, 9), and True for points that face the camera.
-
-        The derivatives are by the frame's unknowns (6), then by the pose at rest (3).
-        """
+    def _placed(self, x: Array) -> _Placed:
+        """Points of the template at the unknowns `x` (6,)."""
         c, s = np.cos(x[:3]), np.sin(x[:3])
         tip = np.array([[c[0], 0, s[0]], [0, 1, 0], [-s[0], 0, c[0]]])
         roll = np.array([[1, 0, 0], [0, c[1], -s[1]], [0, s[1], c[1]]])
@@ -195,44 +255,130 @@ class PrintFollower:
         rolled = tipped @ roll.T
         turned = rolled @ yaw.T
         shift = x[X:] + np.array([self._radius * x[THETA], 0.0, 0.0])
-        points = turned + self._pivot + shift
-        in_camera = points @ self._R.T + self._t
-        by_point = project_jacobian(self._camera, in_camera) @ self._R
-        by = np.empty((len(points), 3, 9))
-        by[:, :, THETA] = np.cross([0.0, 1.0, 0.0], tipped) @ (yaw @ roll).T + [self._radius, 0.0, 0.0]
-        by[:, :, ROLL] = np.cross([1.0, 0.0, 0.0], rolled) @ yaw.T
-        by[:, :, YAW] = np.cross([0.0, 0.0, 1.0], turned)
-        by[:, :, 3:6] = np.eye(3)
-        # The object turned and shifted at rest, with its edge, and the points on their lines of sight.
-        by[:, :, 6:] = _moved(turned) + yaw @ roll @ tip @ (self._by_rest - _moved(self._arms))
+        points = turned + (self._pivot + shift)
+        sight = points - self._camera.T_world_camera[:3, 3]
+        pixels = project_ideal(self._camera, points @ self._R.T + self._t)
         normals = self._template.normals @ (yaw @ roll @ tip).T
-        sight = self._camera.T_world_camera[:3, 3] - points
-        facing = np.sum(normals * sight, axis=1) > 0.15 * np.linalg.norm(sight, axis=1)
-        return project_ideal(self._camera, in_camera), by_point @ by, facing
+        facing = -np.sum(normals * sight, axis=1) > 0.15 * np.linalg.norm(sight, axis=1)
+        far = np.array([self._camera.width - 3, self._camera.height - 3])
+        seen = facing & np.all((pixels > 2) & (pixels < far), axis=1)
+        return _Placed((tip, roll, yaw), (tipped, rolled, turned), sight, pixels, seen)
 
-    def _without_light(
-        self, grey: Array, level: int, inside: NDArray[np.bool_]
-    ) -> tuple[Array, Array, Array, float]:
-        """Terms (n, 4 f) of the light on f faces, residuals (n,) without it, weights (n,), robust scale."""
-        template = self._template
-        rest = template.grey[level][inside]
-        terms = np.column_stack([rest, template.shading[inside]])
-        face = template.face[inside]
-        light = np.zeros((len(rest), 4 * template.faces))
-        light.reshape(len(rest), template.faces, 4)[np.arange(len(rest)), face] = terms
-        weight, scale, off = np.ones(len(rest)), 1.0, np.zeros(len(rest))
-        for _ in range(2):
-            weighted = light * weight[:, None]
-            normal = weighted.T @ light + 1e-6 * np.eye(light.shape[1])
-            off = light @ np.linalg.solve(normal, weighted.T @ grey) - grey
-            scale = max(1.4826 * float(np.median(np.abs(off))), _LEAST_NOISE)
-            weight = np.clip(1.0 - (off / (_TUKEY * scale)) ** 2, 0.0, None) ** 2
-        return light, off, weight, scale
+    def _design(self, placed: _Placed, slope: Array) -> Array:
+        """Derivatives (m, 9) of the image's grey values at the points.
+
+        They are by the frame's unknowns (6), then by the pose at rest (3): the object turned and shifted at
+        rest, with its edge, and the points on their lines of sight.
+
+        Args:
+            placed: points at the present unknowns.
+            slope: (m, 3) gradient along the surface at rest, in W [grey/m].
+        """
+        tip, roll, yaw = placed.turns
+        whole = yaw @ roll @ tip
+        normal, along = self._template.normals @ whole.T, slope @ whole.T
+        # A shift off the surface looks like one along it.
+        across = np.sum(along * placed.sight, axis=1) / np.sum(normal * placed.sight, axis=1)
+        by_shift = along - across[:, None] * normal
+        tipped, rolled, turned = placed.arms
+        design = np.empty((len(slope), 9))
+        by_tip, by_roll = by_shift @ (yaw @ roll), by_shift @ yaw
+        design[:, THETA] = tipped[:, 2] * by_tip[:, 0] - tipped[:, 0] * by_tip[:, 2]
+        design[:, THETA] += self._radius * by_shift[:, 0]
+        design[:, ROLL] = rolled[:, 1] * by_roll[:, 2] - rolled[:, 2] * by_roll[:, 1]
+        design[:, YAW] = turned[:, 0] * by_shift[:, 1] - turned[:, 1] * by_shift[:, 0]
+        design[:, X:6] = by_shift
+        design[:, 6] = design[:, YAW]
+        design[:, 7:] = by_shift[:, :2]
+        design[:, 6:] += np.einsum("ni,nij->nj", by_shift @ whole, self._by_rest)
+        return design
+
+    def theta_sd(self) -> float:
+        """Predicted standard deviation of theta in one frame at rest [rad]; infinite for a blank face.
+
+        Only what both halves of the images show counts as print.
+        """
+        placed, level = self._placed(np.zeros(6)), len(BLURS_PX) - 1
+        one, other = (self._design(placed, half[level])[placed.seen, :6] for half in self._template.slope)
+        light = self._light[level][placed.seen]
+        row = 1.0 / max(self._template.noise[level], _LEAST_NOISE) ** 2 / CORRELATED[level]
+        free = [each - light @ np.linalg.lstsq(light, each, rcond=None)[0] for each in (one, other)]
+        common = row * (free[0].T @ free[1])
+        information = 0.5 * (common + common.T)
+        print_, prior = information[THETA, THETA], np.diag(_PRIOR)
+        least = float(np.linalg.eigvalsh(information[1:, 1:] + prior[1:, 1:]).min())
+        if print_ <= 0.0 or least <= 0.0:
+            return math.inf
+        rest = np.linalg.solve(information[1:, 1:] + prior[1:, 1:], information[1:, THETA])
+        left = print_ - float(information[THETA, 1:] @ rest)
+        return 1.0 / math.sqrt(left) if left > 0.0 else math.inf
 
 
-def _sample(image: NDArray[np.float32], at: NDArray[np.float32]) -> Array:
-    """Values (n,) of an image between its pixels, at (n, 2) [px]."""
-    return cv2.remap(image, at[:, :1], at[:, 1:], cv2.INTER_LINEAR)[:, 0].astype(np.float64)
+@dataclass(frozen=True)
+class _System:
+    """Normal equations of one frame, with the light fitted."""
+
+    design: Array
+    """(n, 9) derivatives of the grey values, without what the light explains"""
+    information: Array
+    """(6, 6) information about the frame's unknowns, priors included"""
+    cross: Array
+    """(6, 3) with the pose at rest"""
+    shared: Array
+    """(3, 3) information about the pose at rest, with the frame's own unknowns fitted"""
+    by_rest: Array
+    """(6, 3) change of the frame's unknowns by the pose at rest"""
+
+    @staticmethod
+    def of(design: Array, light: Array, rows: Array) -> _System | None:
+        """Equations of derivatives (n, 9), the light's terms (n, l) and weights (n,); None if singular."""
+        weighted = light * rows[:, None]
+        inner = weighted.T @ light
+        inner += 1e-9 * np.trace(inner) * np.eye(len(inner))
+        try:
+            free = design - light @ np.linalg.solve(inner, weighted.T @ design)
+            normal = (free * rows[:, None]).T @ free
+            information = normal[:6, :6] + np.diag(_PRIOR)
+            by_rest = -np.linalg.solve(information, normal[:6, 6:])
+        except np.linalg.LinAlgError:
+            return None
+        shared = normal[6:, 6:] + normal[6:, :6] @ by_rest
+        return _System(free, information, normal[:6, 6:], shared, by_rest)
+
+    def step(self, weighted: Array, x: Array) -> tuple[Array, Array]:
+        """Step (6,) of the unknowns `x` and gradient (3,) about the pose at rest, from weighted residuals."""
+        gradient = self.design.T @ weighted
+        own = np.linalg.solve(self.information, gradient[:6] - _PRIOR * x)
+        return own, gradient[6:] - self.cross.T @ own
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance (6, 6) of the frame's unknowns."""
+        return np.asarray(np.linalg.inv(self.information), dtype=np.float64)
+
+
+def _light_terms(grey: Array, shading: Array, face: Array) -> Array:
+    """Terms (m, 4 f) of the light on f faces: gain on the grey values at rest, and the shading."""
+    faces = int(face.max(initial=-1)) + 1
+    light = np.zeros((len(grey), faces, 4))
+    light[np.arange(len(grey)), face, 0] = grey
+    light[np.arange(len(grey)), face, 1:] = shading
+    return light.reshape(len(grey), 4 * faces)
+
+
+def _without_light(light: Array, grey: Array, weight: Array) -> tuple[Array, float]:
+    """Residuals (n,) of grey values with the light fitted, and their robust scale [grey]."""
+    weighted = light * weight[:, None]
+    normal = weighted.T @ light
+    normal += 1e-9 * np.trace(normal) * np.eye(len(normal))
+    off = light @ np.linalg.solve(normal, weighted.T @ grey) - grey
+    return off, max(1.4826 * float(np.median(np.abs(off))), _LEAST_NOISE)
+
+
+def _open(start: Array) -> PrintPose:
+    """Pose of a frame without a fit."""
+    nothing = np.zeros((3, 3)), np.zeros(3)
+    return PrintPose(start, np.diag(_OPEN_SD**2), 0.0, nothing, np.zeros((6, 3)))
 
 
 def _explained(pose: PrintPose) -> float:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import cv2
@@ -22,12 +23,18 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from analyze.tracking.camera_model import distort, project_ideal, world_to_camera
+from analyze.tracking.camera_model import distort, project_ideal, project_jacobian, world_to_camera
+from analyze.types import CameraModel
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
-    from analyze.types import Array, CameraModel, IntArray
+    from analyze.types import Array, IntArray, LensModel
+
+Box = tuple[slice, slice]
+"""rows and columns of a part of an image"""
 
 BLURS_PX = (3.0, 0.8)
 """1 sigma of the blur of the two levels [px]: coarse to catch, fine to measure"""
@@ -46,6 +53,8 @@ _PLAIN_SHARE = 0.15
 """share of the points taken anywhere, for the light on each face"""
 _LEAST_POINTS = 40
 """points below which a face is not used"""
+_COMPARED = 8
+"""largest number of images at rest from which their noise is measured"""
 _STEEPEST = 0.2
 """least cosine of the angle between a triangle's normal and the line of sight: grazing faces smear"""
 
@@ -62,10 +71,12 @@ class PrintTemplate:
     """(m,) number of each point's face, from 0"""
     grey: Array
     """(levels, m) grey values at rest"""
+    slope: Array
+    """(halves, levels, m, 3) gradient along the surface at rest, in W [grey/m], by each half of the images"""
+    noise: Array
+    """(levels,) robust scale of one image's grey values about those at rest [grey]"""
     shading: Array
     """(m, 3) 1 and the place in the image at rest, over 50 px, about the face's middle: the light's terms"""
-    gradient: Array
-    """(m,) length of the gradient of the finer level [grey/px]"""
 
     @property
     def faces(self) -> int:
@@ -74,26 +85,41 @@ class PrintTemplate:
 
 
 class IdealImages:
-    """Images of one camera free of lens distortion, with their gradients, level by level.
+    """Images of one camera free of lens distortion.
 
     Args:
-        camera: camera that takes the images.
+        camera: camera that takes the images; its pose does not matter.
     """
 
     def __init__(self, camera: CameraModel) -> None:
         """Prepare the map from ideal to raw pixels."""
-        columns, rows = np.meshgrid(
-            np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float)
+        self._map = _raw_pixels(
+            camera.width, camera.height, camera.K.tobytes(), camera.distortion.tobytes(), camera.model
         )
-        raw = distort(camera, np.stack([columns, rows], axis=-1)).astype(np.float32)
-        self._map = cv2.convertMaps(raw[..., 0], raw[..., 1], cv2.CV_16SC2)
         self._plain = not np.any(camera.distortion)
 
-    def ideal(self, image: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """Image (h, w) free of lens distortion."""
+    def ideal(self, image: NDArray[np.uint8], box: Box | None = None) -> NDArray[np.float32]:
+        """Image (h, w) free of lens distortion, whole or only in a box of pixels."""
+        rows, columns = box or (slice(None), slice(None))
         if self._plain:
-            return image.astype(np.float32)
-        return cv2.remap(image, *self._map, cv2.INTER_LINEAR).astype(np.float32)
+            return image[rows, columns].astype(np.float32)
+        coarse, fine = self._map
+        taken = cv2.remap(image, coarse[rows, columns], fine[rows, columns], cv2.INTER_LINEAR)
+        return taken.astype(np.float32)
+
+
+@lru_cache(maxsize=2)
+def _raw_pixels(
+    width: int, height: int, K: bytes, distortion: bytes, model: LensModel
+) -> tuple[NDArray[np.int16], NDArray[np.uint16]]:
+    """Map for `cv2.remap` from the ideal pixels of a camera to its raw ones; cached, as it takes 0.3 s."""
+    camera = CameraModel(
+        width, height, np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion), np.eye(4), model
+    )
+    columns, rows = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
+    raw = distort(camera, np.stack([columns, rows], axis=-1)).astype(np.float32)
+    coarse, fine = cv2.convertMaps(raw[..., 0], raw[..., 1], cv2.CV_16SC2)
+    return coarse.astype(np.int16, copy=False), fine.astype(np.uint16, copy=False)
 
 
 def blurred(image: NDArray[np.float32], blur_px: float) -> NDArray[np.float32]:
@@ -101,7 +127,75 @@ def blurred(image: NDArray[np.float32], blur_px: float) -> NDArray[np.float32]:
     return np.asarray(cv2.GaussianBlur(image, (0, 0), blur_px), dtype=np.float32)
 
 
-def gradients(image: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def print_template(
+    rest: Sequence[NDArray[np.float32]],
+    camera: CameraModel,
+    vertices: Array,
+    triangles: IntArray,
+    pose: tuple[Array, Array],
+    points: int = POINTS,
+) -> PrintTemplate:
+    """Template of an object at rest, from the images there.
+
+    The points are chosen by the gradients of one half of the images. Those of the other half show which of
+    them are print and which are noise.
+
+    Args:
+        rest: (h, w) images at rest, two or more, free of lens distortion.
+        camera: camera with its pose in W.
+        vertices: (v, 3) vertices of the shape in O [m].
+        triangles: (t, 3) indices of its triangles, counter-clockwise from outside.
+        pose: rotation (3, 3) and place (3,) [m] of O in W.
+        points: number of points to take.
+    """
+    placed = vertices @ pose[0].T + pose[1]
+    seen, faces = _visible(camera, placed, triangles)
+    box = _around(seen)
+    seen = seen[box]
+    top, left = box[0].start, box[1].start
+    part = [image[box] for image in rest]
+    halves = [np.mean(part[::2], axis=0), np.mean(part[1::2], axis=0)]
+    distance = float(np.linalg.norm(placed.mean(axis=0) - camera.T_world_camera[:3, 3]))
+    border = max(_LEAST_BORDER_PX, round(BORDER_M * camera.K[0, 0] / distance))
+    strength = np.hypot(*_gradients(blurred(halves[0], BLURS_PX[-1])))
+    rows, columns = _spread(strength, _inner(seen, faces, border), points)
+    corner = placed[triangles[seen[rows, columns]]]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    pixels = np.column_stack([columns + left, rows + top, np.ones(len(rows))])
+    ray = pixels @ np.linalg.inv(camera.K).T @ camera.T_world_camera[:3, :3].T
+    eye = camera.T_world_camera[:3, 3]
+    depth = np.sum((corner[:, 0] - eye) * normal, axis=1) / np.sum(ray * normal, axis=1)
+    at = eye + depth[:, None] * ray
+    R, t = world_to_camera(camera)
+    by_point = project_jacobian(camera, at @ R.T + t) @ R
+    levels = [[blurred(half, blur) for blur in BLURS_PX] for half in halves]
+    grey = 0.5 * np.array(
+        [one[rows, columns] + other[rows, columns] for one, other in zip(*levels, strict=True)]
+    )
+    slope = np.empty((2, len(BLURS_PX), len(rows), 3))
+    for half, level in np.ndindex(2, len(BLURS_PX)):
+        by_x, by_y = _gradients(levels[half][level])
+        along = by_x[rows, columns, None] * by_point[:, 0] + by_y[rows, columns, None] * by_point[:, 1]
+        slope[half, level] = along - np.sum(along * normal, axis=1, keepdims=True) * normal
+    noise = np.array([_scatter(part, blur, rows, columns) for blur in BLURS_PX])
+    face = faces[seen[rows, columns]]
+    names, counts = np.unique(face, return_counts=True)
+    kept = np.isin(face, names[counts >= _LEAST_POINTS])
+    _, number = np.unique(face[kept], return_inverse=True)
+    places = pixels[kept, :2]
+    return PrintTemplate(
+        at[kept],
+        normal[kept],
+        number.astype(np.int64),
+        grey[:, kept],
+        slope[:, :, kept],
+        noise,
+        _shading(places, number),
+    )
+
+
+def _gradients(image: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Derivatives (h, w) of an image along x and y [grey/px]."""
     return (
         np.asarray(cv2.Sobel(image, cv2.CV_32F, 1, 0, scale=0.125), dtype=np.float32),
@@ -109,62 +203,21 @@ def gradients(image: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[
     )
 
 
-def print_template(
-    rest: NDArray[np.float32],
-    camera: CameraModel,
-    vertices: Array,
-    triangles: IntArray,
-    pose: tuple[Array, Array],
-    points: int = POINTS,
-    border_m: float = BORDER_M,
-) -> PrintTemplate:
-    """Template of an object at rest, from the mean image there.
-
-    Args:
-        rest: (h, w) mean of the images at rest, free of lens distortion.
-        camera: camera with its pose in W.
-        vertices: (v, 3) vertices of the shape in O [m].
-        triangles: (t, 3) indices of its triangles, counter-clockwise from outside.
-        pose: rotation (3, 3) and place (3,) [m] of O in W.
-        points: number of points to take.
-        border_m: distance from the outline and from other faces within which no point is taken [m].
-    """
-    placed = vertices @ pose[0].T + pose[1]
-    seen, faces = _visible(camera, placed, triangles)
-    fine = blurred(rest, BLURS_PX[1])
-    size = np.hypot(*gradients(fine))
-    distance = float(np.linalg.norm(placed.mean(axis=0) - camera.T_world_camera[:3, 3]))
-    border = max(_LEAST_BORDER_PX, round(border_m * camera.K[0, 0] / distance))
-    usable = _inner(seen, faces, border)
-    rows, columns = _spread(size, usable, points)
-    triangle = seen[rows, columns]
-    corner = placed[triangles[triangle]]
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    pixels = np.column_stack([columns, rows, np.ones(len(rows))])
-    ray = pixels @ np.linalg.inv(camera.K).T @ camera.T_world_camera[:3, :3].T
-    eye = camera.T_world_camera[:3, 3]
-    depth = np.sum((corner[:, 0] - eye) * normal, axis=1) / np.sum(ray * normal, axis=1)
-    at = eye + depth[:, None] * ray
-    grey = np.array([blurred(rest, blur)[rows, columns] for blur in BLURS_PX], dtype=np.float64)
-    places = np.column_stack([columns, rows]).astype(np.float64)
-    return _by_face(at, normal, faces[triangle], grey, places, size[rows, columns].astype(np.float64))
+def _scatter(rest: Sequence[NDArray[np.float32]], blur_px: float, rows: IntArray, columns: IntArray) -> float:
+    """Robust scale of the grey values of one blurred image at the points [grey], by neighbouring images."""
+    if not len(rows):
+        return 0.0
+    values = [blurred(image, blur_px)[rows, columns] for image in rest[:_COMPARED]]
+    return 1.4826 * float(np.median(np.abs(np.diff(values, axis=0)))) / math.sqrt(2.0)
 
 
-def _by_face(
-    points: Array, normals: Array, faces: IntArray, grey: Array, pixels: Array, gradient: Array
-) -> PrintTemplate:
-    """Template of the points on faces with at least `_LEAST_POINTS`, which are numbered anew."""
-    names, counts = np.unique(faces, return_counts=True)
-    kept = np.isin(faces, names[counts >= _LEAST_POINTS])
-    _, number = np.unique(faces[kept], return_inverse=True)
-    shading = np.ones((int(kept.sum()), 3))
-    for face in range(int(number.max(initial=-1)) + 1):
-        here = number == face
-        shading[here, 1:] = (pixels[kept][here] - pixels[kept][here].mean(axis=0)) / 50.0
-    return PrintTemplate(
-        points[kept], normals[kept], number.astype(np.int64), grey[:, kept], shading, gradient[kept]
-    )
+def _shading(pixels: Array, face: IntArray) -> Array:
+    """Light's terms (m, 3): 1, and each point's place in the image about its face's middle, over 50 px."""
+    shading = np.ones((len(pixels), 3))
+    for name in range(int(face.max(initial=-1)) + 1):
+        here = face == name
+        shading[here, 1:] = (pixels[here] - pixels[here].mean(axis=0)) / 50.0
+    return shading
 
 
 def _visible(camera: CameraModel, placed: Array, triangles: IntArray) -> tuple[IntArray, IntArray]:
@@ -186,6 +239,18 @@ def _visible(camera: CameraModel, placed: Array, triangles: IntArray) -> tuple[I
             value = int(number) if facing[number] > _STEEPEST else -1
             cv2.fillConvexPoly(drawn, pixels[triangles[number]], value, shift=4)
     return drawn.astype(np.int64), _faces(placed, triangles, normal)
+
+
+def _around(seen: IntArray) -> Box:
+    """Box of pixels around those (h, w) that show a triangle, wider by the reach of the coarse blur."""
+    margin = math.ceil(4 * BLURS_PX[0])
+    spans = [np.flatnonzero((seen >= 0).any(axis=axis)) for axis in (1, 0)]
+    if not len(spans[0]):
+        return slice(0, margin), slice(0, margin)
+    low, high = (np.array([span[end] for span in spans]) for end in (0, -1))
+    return slice(max(int(low[0]) - margin, 0), int(high[0]) + margin), slice(
+        max(int(low[1]) - margin, 0), int(high[1]) + margin
+    )
 
 
 def _faces(placed: Array, triangles: IntArray, normals: Array) -> IntArray:
