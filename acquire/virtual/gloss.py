@@ -6,6 +6,7 @@ modelled: mirror images of anything else, roughness that differs over a face.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,6 +30,24 @@ _REACH = 3.0
 """distance from a highlight's middle, over its sigma, up to which it is drawn"""
 
 
+@dataclass(frozen=True)
+class _Planes:
+    """Planes of a group's faces: each with its triangles and a ball that holds them."""
+
+    point: NDArray[np.float64]
+    """(n, 3) a point of each [m, in O]"""
+    normal: NDArray[np.float64]
+    """(n, 3) outward unit normals"""
+    face: NDArray[np.int64]
+    """(n,) index of one of its faces"""
+    corners: list[NDArray[np.float64]]
+    """(t, 3, 3) corners of the triangles of each [m]"""
+    middle: NDArray[np.float64]
+    """(n, 3) centres of the balls [m]"""
+    radius: NDArray[np.float64]
+    """(n,) their radii [m]"""
+
+
 class Gloss:
     """Painter of highlights on an object's faces.
 
@@ -36,15 +55,17 @@ class Gloss:
         lens: projection to pixels.
         width: image width [px].
         height: image height [px].
+        groups: groups of the object's faces.
     """
 
-    def __init__(self, lens: Lens, width: int, height: int) -> None:
+    def __init__(self, lens: Lens, width: int, height: int, groups: tuple[FaceGroup, ...]) -> None:
         self._lens, self._width, self._height = lens, width, height
+        self._planes = [_planes(group) for group in groups]
 
     def add(
         self,
         layer: Layer,
-        group: FaceGroup,
+        number: int,
         seen: NDArray[np.bool_],
         pose: tuple[NDArray[np.float64], NDArray[np.float64]],
     ) -> None:
@@ -52,36 +73,33 @@ class Gloss:
 
         Args:
             layer: image layer of the group; its box contains the faces.
-            group: the faces.
+            number: index of the group.
             seen: (f,) True for faces that the camera sees.
             pose: positions (k, 3) [m] and rotations (k, 3, 3) of the poses of an exposure; the highlights are
                 those of the middle one.
         """
         middle = len(pose[0]) // 2
         p, R = pose[0][middle], pose[1][middle]
-        point, normal = group.face_point[seen] @ R.T + p, group.face_normal[seen] @ R.T
-        corners = group.corners[seen]
-        _, plane = np.unique(np.round(np.column_stack([point, normal]), 9), axis=0, return_inverse=True)
-        plane = plane.reshape(-1)
-        for number in np.unique(plane):
-            members = np.flatnonzero(plane == number)
-            spot = self._mirrored(point[members[0]], normal[members[0]])
-            if spot is not None:
-                self._add_spot(layer, corners[members], spot, pose)
+        planes = self._planes[number]
+        spots = self._mirrored(planes.point @ R.T + p, planes.normal @ R.T)
+        gaps = np.linalg.norm(spots - planes.middle @ R.T - p, axis=1) - planes.radius
+        for n in np.flatnonzero(seen[planes.face] & (gaps < _REACH * _SPREAD_M)):
+            self._add_spot(layer, planes.corners[n], spots[n], pose)
 
-    def _mirrored(self, point: NDArray[np.float64], normal: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """Point (3,) in W of a plane at which the camera sees the lamp mirrored; None if behind the plane.
+    def _mirrored(self, point: NDArray[np.float64], normal: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points (n, 3) in W of planes at which the camera sees the lamp mirrored; infinite if from behind.
 
         Args:
-            point: (3,) point of the plane in W [m].
-            normal: (3,) its unit normal, towards the camera.
+            point: (n, 3) point of each plane in W [m].
+            normal: (n, 3) unit normals.
         """
         eye = self._lens.p_world_camera
-        height, lamp = (eye - point) @ normal, (_LAMP_WORLD - point) @ normal
-        if height <= 0 or lamp <= 0:
-            return None
+        height = np.sum((eye - point) * normal, axis=1)[:, None]
+        lamp = np.sum((_LAMP_WORLD - point) * normal, axis=1)[:, None]
         behind = eye - 2 * height * normal
-        return behind + (_LAMP_WORLD - behind) * (height / (height + lamp))
+        before = (height > 0) & (lamp > 0)
+        share = np.where(before, height, np.inf) / np.where(before, height + lamp, 1.0)
+        return behind + (_LAMP_WORLD - behind) * share
 
     def _add_spot(
         self,
@@ -95,9 +113,6 @@ class Gloss:
         near = self._lens.pixels(spot + _SPREAD_M * self._lens.R_camera_world[0])
         sigma = float(np.linalg.norm(near - centre))
         pixels = self._lens.pixels(corners.reshape(-1, 3) @ np.swapaxes(R, 1, 2) + p[:, None, :])
-        low, high = pixels.reshape(-1, 2).min(axis=0), pixels.reshape(-1, 2).max(axis=0)
-        if np.any(centre < low - _REACH * sigma) or np.any(centre > high + _REACH * sigma):
-            return
         # Counter-clockwise from outside has the inside on the left: the lines run the other way.
         edges = pixels.reshape(len(p), -1, 3, 2)
         end = edges.reshape(len(p), -1, 2)
@@ -111,3 +126,13 @@ class Gloss:
         y = (np.arange(box.top, box.bottom) - centre[1]) / sigma
         light = _STRENGTH * np.exp(-0.5 * y[:, None] ** 2) * np.exp(-0.5 * x[None, :] ** 2)
         layer.light[box.within(layer.box)] += (light * face.cover).astype(np.float32)
+
+
+def _planes(group: FaceGroup) -> _Planes:
+    both = np.round(np.column_stack([group.face_point, group.face_normal]), 9)
+    _, face, plane = np.unique(both, axis=0, return_index=True, return_inverse=True)
+    corners = [group.corners[plane.reshape(-1) == number] for number in range(len(face))]
+    flat = [each.reshape(-1, 3) for each in corners]
+    middle = np.array([0.5 * (each.min(axis=0) + each.max(axis=0)) for each in flat])
+    far = [np.linalg.norm(each - at, axis=1).max() for each, at in zip(flat, middle, strict=True)]
+    return _Planes(group.face_point[face], group.face_normal[face], face, corners, middle, np.array(far))

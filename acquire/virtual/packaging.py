@@ -130,9 +130,9 @@ def _panel(panel: Panel, brand: str, rng: np.random.Generator) -> list[tuple[flo
     found += _logo(logo, rng) + _text_lines(text, rng)
     if rng.random() < 0.5:
         found += _bar_code(panel.part(0.08, 0.04, 0.5, 0.22), rng)
-        found += _text_lines(panel.part(0.56, 0.02, 1.0, 0.24), rng)
+        found += _word_bars(panel.part(0.56, 0.02, 1.0, 0.24), 0, rng)
     else:
-        found += _text_lines(panel.part(0.0, 0.1, 1.0, 0.26), rng) + _steps(panel.part(0, 0, 1, 0.06), rng)
+        found += _word_bars(panel.part(0.0, 0.1, 1.0, 0.26), 0, rng) + _steps(panel.part(0, 0, 1, 0.06), rng)
     return found
 
 
@@ -143,8 +143,8 @@ def _title(panel: Panel, brand: str, rng: np.random.Generator) -> list[tuple[flo
     found = [_rectangle(panel, dark)]
     found += _text(panel.part(0.08, 0.36, 0.92, 0.88), brand, depth, thickness=2)
     found.append(_rectangle(panel.part(0.08, 0.2, 0.92, 0.24), 0.8 * depth))
-    words = " ".join(rng.choice(_WORDS, 2, replace=False))
-    return found + _text(panel.part(0.12, 0.02, 0.88, 0.17), words, 0.9 * depth, thickness=1)
+    word = str(rng.choice(_WORDS))
+    return found + _text(panel.part(0.12, 0.02, 0.88, 0.17), word, 0.9 * depth, thickness=1)
 
 
 def _steps(panel: Panel, rng: np.random.Generator) -> list[tuple[float, ...]]:
@@ -186,9 +186,17 @@ def _bar_code(panel: Panel, rng: np.random.Generator) -> list[tuple[float, ...]]
 
 def _text_lines(panel: Panel, rng: np.random.Generator) -> list[tuple[float, ...]]:
     """Small print: a word in letters, below it lines of words drawn as bars."""
-    lines = max(2, int(panel.height / _SMALL_TEXT_M))
-    found = _text(panel.part(0, 1 - 1.4 / lines, 0.7, 1), str(rng.choice(_WORDS)), -0.8, thickness=1)
-    for line in range(2, lines):
+    lines = _line_count(panel)
+    title = panel.part(0, 1 - 1.4 / lines, 0.7, 1)
+    found = _text(title, str(rng.choice(_WORDS)), -0.8, thickness=1)
+    return found + _word_bars(panel, 2, rng)
+
+
+def _word_bars(panel: Panel, first: int, rng: np.random.Generator) -> list[tuple[float, ...]]:
+    """Words of small print as bars, from a line on."""
+    lines = _line_count(panel)
+    found: list[tuple[float, ...]] = []
+    for line in range(first, lines):
         bottom, at = 1.0 - (line + 0.8) / lines, 0.0
         end = rng.uniform(0.6, 1.0)
         while at < end - 0.05:
@@ -196,6 +204,10 @@ def _text_lines(panel: Panel, rng: np.random.Generator) -> list[tuple[float, ...
             found.append(_rectangle(panel.part(at, bottom, min(at + wide, 1.0), bottom + 0.45 / lines), -0.7))
             at += wide + 0.04
     return found
+
+
+def _line_count(panel: Panel) -> int:
+    return max(2, int(panel.height / _SMALL_TEXT_M))
 
 
 def _text(panel: Panel, text: str, step: float, thickness: int) -> list[tuple[float, ...]]:

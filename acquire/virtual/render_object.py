@@ -75,7 +75,8 @@ class ObjectPainter:
         else:
             self._groups = self._parts.groups
         self._prints = printed_groups(virtual_object, self._groups)
-        self._gloss = Gloss(lens, width, height) if virtual_object.packaging.glossy else None
+        glossy = virtual_object.packaging.glossy
+        self._gloss = Gloss(lens, width, height, self._groups) if glossy else None
         self._cards: list[_Card] = []
         for marker in virtual_object.spec.marker:
             if marker.T_object_marker is None:
@@ -291,7 +292,7 @@ class ObjectPainter:
             outline = self._with_print(outline, printed, value / _ALBEDO, pose)
         layer = filled_layer(outline, self._width, self._height)
         if layer is not None and self._gloss is not None:
-            self._gloss.add(layer, group, visible[:-1].astype(bool), pose)
+            self._gloss.add(layer, number, visible[:-1].astype(bool), pose)
         return layer
 
     def _with_print(
@@ -309,8 +310,9 @@ class ObjectPainter:
             shade: (f + 1,) shading factor of each face, 0 for those that are not seen.
             pose: positions (k, 3) [m] and rotations (k, 3, 3) of the poses.
         """
-        seen = shade[printed.face] > 0
-        step = printed.step[seen] * shade[printed.face[seen]]
+        step = printed.step * (shade[printed.face] - shade[printed.other_face])
+        seen = step != 0
+        step = step[seen]
         return Outline(
             np.concatenate([outline.start, self._pixels(printed.start[seen], pose)], axis=1),
             np.concatenate([outline.end, self._pixels(printed.end[seen], pose)], axis=1),

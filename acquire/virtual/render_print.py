@@ -36,7 +36,9 @@ class PrintLines:
     end: NDArray[np.float64]
     """(m, 3) end points [m, in O]"""
     face: NDArray[np.int64]
-    """(m,) index of the face of the group that each lies on"""
+    """(m,) index of the face of the group with the print on the right of each"""
+    other_face: NDArray[np.int64]
+    """(m,) index of the face on the left, if the same print runs on there; number of faces if it ends"""
     step: NDArray[np.float64]
     """(m,) grey levels inside minus outside, on a face that has the grey of one towards the camera"""
 
@@ -58,34 +60,44 @@ def printed_groups(
 
 
 def _print_lines(chart: BodyChart, group: FaceGroup, patches: Patches) -> PrintLines | None:
-    first: list[NDArray[np.float64]] = []
-    last: list[NDArray[np.float64]] = []
-    face: list[int] = []
+    ends: list[NDArray[np.float64]] = []
+    faces: list[list[int]] = []
     step: list[float] = []
+    seams: dict[tuple[float, ...], int] = {}
+    nowhere = len(group.face_point)
     for piece in chart.pieces(group):
         low, high = piece.corners.min(axis=0), piece.corners.max(axis=0)
         near = np.flatnonzero(np.all((patches.high > low) & (patches.low < high), axis=1))
         for number in near:
-            (left, bottom), (right, top) = patches.low[number], patches.high[number]
-            corners = clipped(
-                np.array([[left, bottom], [right, bottom], [right, top], [left, top]]), piece.corners
-            )
+            corners = clipped(_corners(patches.low[number], patches.high[number]), piece.corners)
             if len(corners) < 3 or _area(corners) < _LEAST_AREA_M2:
                 continue
             # Counter-clockwise from outside has the inside on the left: the lines run the other way.
             points = piece.points(corners[::-1])
-            first.append(points)
-            last.append(np.roll(points, -1, axis=0))
-            face += [piece.face] * len(points)
-            step += [float(patches.step[number])] * len(points)
-    if not first:
+            for line in np.stack([points, np.roll(points, -1, axis=0)], axis=1):
+                a, b = (tuple(np.round(point, 7) + 0.0) for point in line)
+                # Where the print runs on, the neighbour has the same line in the other direction.
+                before = seams.pop((number, *b, *a), None)
+                if before is not None:
+                    faces[before][1] = piece.face
+                    continue
+                seams[number, *a, *b] = len(ends)
+                ends.append(line)
+                faces.append([piece.face, nowhere])
+                step.append(float(patches.step[number]))
+    if not ends:
         return None
-    begin, end = np.concatenate(first), np.concatenate(last)
+    begin, end = np.moveaxis(np.array(ends), 1, 0)
     pieces = np.maximum(1, np.ceil(np.linalg.norm(end - begin, axis=1) / _PIECE_M)).astype(np.int64)
     points, start = cut_lines(begin, end, pieces)
-    return PrintLines(
-        points[start], points[start + 1], np.repeat(face, pieces), np.repeat(np.array(step), pieces)
-    )
+    face, other = np.repeat(np.array(faces), pieces, axis=0).T
+    return PrintLines(points[start], points[start + 1], face, other, np.repeat(np.array(step), pieces))
+
+
+def _corners(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Corners (4, 2) of a rectangle, counter-clockwise."""
+    (left, bottom), (right, top) = low, high
+    return np.array([[left, bottom], [right, bottom], [right, top], [left, top]])
 
 
 def clipped(corners: NDArray[np.float64], convex: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -36,6 +36,8 @@ class Disturbance:
     placed: Placement = field(default_factory=Placement)
     energy: float = 1.15
     filming: Filming = field(default_factory=Filming)
+    glossy: bool = False
+    """True if a highlight lies on the print"""
     contact_known: bool = True
     """False if no time of contact is given, as with a phone"""
 
@@ -54,6 +56,7 @@ DISTURBANCES = {
     "blur 5 ms": Disturbance(filming=Filming(exposure_us=5000.0)),
     "moving shadow": Disturbance(filming=Filming(shadow=True)),
     "arm across": Disturbance(filming=Filming(arm_across=True)),
+    "gloss": Disturbance(glossy=True),
     "h264 crf 23": Disturbance(filming=Filming(crf=23)),
     "h264 crf 28": Disturbance(filming=Filming(crf=28)),
     "rolling shutter": Disturbance(filming=Filming(readout_s=READOUT_S)),
@@ -82,7 +85,7 @@ def run_disturbed(case: tuple[str, int, tuple[str, ...], str]) -> list[Disturbed
     rng = np.random.default_rng((seed, 0xD157, *name.encode()))
     on = _disturbed(scene(name, seed, False, rng), disturbance)
     world = World(on.thing, lambda *_: 0.0, table_tilt=(0.0, -on.tilt), arm_angle=-2.5)
-    renderers = {road: renderer_of(on, road, seed) for road in roads}
+    renderers = {road: renderer_of(on, road, seed, disturbance.glossy) for road in roads}
     rows: list[DisturbedRow] = []
     for planned in chosen(on.plan, STRIKES):
         motion = struck(world, on.thing, planned, disturbance.placed, (disturbance.energy, 0.003))

@@ -146,11 +146,11 @@ def scene(name: str, seed: int, drawn: bool, rng: np.random.Generator) -> Scene:
     return Scene(thing, model, plan, stated(thing, errors), place, camera, tilt, wider, drawn)
 
 
-def renderer_of(on: Scene, road: str, seed: int) -> Renderer:
+def renderer_of(on: Scene, road: str, seed: int, glossy: bool = False) -> Renderer:
     """Renderer of a road's pictures: tags on blank faces, or print without tags."""
     thing = on.thing
     if road != "tags":
-        thing = replace(without_tags(thing), packaging=Packaging(PrintKind(road), seed))
+        thing = replace(without_tags(thing), packaging=Packaging(PrintKind(road), seed, glossy))
     return Renderer(thing, on.place, seed)
 
 

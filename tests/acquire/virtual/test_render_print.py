@@ -147,6 +147,7 @@ def test_printed_objects_keep_their_outline_and_have_contrast(name):
     pale, _ = light(replace(thing, packaging=Packaging(PrintKind.LIGHT, SEED)), at)
     assert np.array_equal(cover, same)
     assert 60 < np.abs(printed - plain).max() < 150
+    assert np.abs(printed - plain)[cover == 0].max() < 0.05
     assert 8 < np.abs(pale - plain).max() < 20
 
 
