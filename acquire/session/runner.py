@@ -257,13 +257,14 @@ class SessionRunner:
             if event is not None and seen_ns < event.time_ns <= since_ns:
                 # A restarted `analyze watch` reads the recording from its beginning: let it catch up.
                 seen_ns, end = event.time_ns, time.monotonic() + waits.POSE_TIMEOUT_S
-            if event is not None and event.time_ns > since_ns and event.markers:
+            untagged = not self._input.spec.marker
+            if event is not None and event.time_ns > since_ns and (event.markers or untagged):
                 error = event.placement_error_rad
                 if hands_are_near(event):
                     text = "something moves beside the object: take your hands away"
                     time.sleep(0.05)
                     continue
-                if event.at_rest and error is not None and error < POSE_TOLERANCE_RAD:
+                if event.at_rest and (untagged or (error is not None and error < POSE_TOLERANCE_RAD)):
                     return events.PoseChecked(good=True)
                 if event.at_rest and error is None and self._input.lacks_places(event.markers):
                     self._report(f"{strike.id}: placement not checked: {event.text}")

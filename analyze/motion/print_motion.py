@@ -18,19 +18,20 @@ import numpy as np
 
 from analyze.errors import TrackingError
 from analyze.motion.settings import MotionSettings
-from analyze.motion.strike import analyse_motion, placement_of
+from analyze.motion.strike import analyse_motion, analyse_strike, placement_of
 from analyze.motion.tip_angle import PlanarMotion
 from analyze.tracking.print_follower import ROLL, THETA, YAW, PrintFollower, X, Z
 from analyze.tracking.print_template import IdealImages, print_template
+from analyze.tracking.track import TrackingReport, track_markers
 from analyze.types import TipAngle
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from analyze.motion.strike_task import StrikeTask
     from analyze.motion.tip_angle import Placement
     from analyze.tracking.print_follower import PrintPose
-    from analyze.types import Array, CameraModel, ImageFrame, IntArray, TipMotion
+    from analyze.types import Array, CameraModel, ImageFrame, IntArray, Marker, TipMotion
 
 REST_SD = np.array([math.radians(1.5), 3e-3, 3e-3])
 """1 sigma of the pose at rest against the plan: turn about W's z [rad], place along x and y [m]"""
@@ -47,6 +48,8 @@ BIAS_SD = math.radians(0.03)
 rest"""
 _REST_BEFORE_CONTACT_NS = 4_000_000
 """time before the contact by which a resting frame's exposure must have ended [ns]"""
+_TRACKED_REST = 30
+"""largest number of frames at rest that are tracked; all serve for the template"""
 _LEAST_REST = 3
 """least number of frames at rest"""
 _MOVED_NOISE = 4.0
@@ -55,22 +58,39 @@ _LEAST_EXPLAINED = 0.8
 """share of the print that a frame must explain, over that at rest, to count"""
 
 
-def analyse_printed_strike(
-    frames: Sequence[ImageFrame], camera: CameraModel, shape: tuple[Array, IntArray], task: StrikeTask
-) -> TipMotion:
-    """Analyse one strike on an object without markers: motion, phases, fits and verdict, by its print.
+def analyse_images(
+    frames: Iterable[ImageFrame],
+    camera: CameraModel,
+    markers: list[Marker],
+    shape: tuple[Array, IntArray] | None,
+    task: StrikeTask,
+) -> tuple[TipMotion, TrackingReport]:
+    """Analyse one strike from its images: by the object's markers, without any by its own print.
 
     Args:
         frames: images of the strike's window, in order of time.
         camera: camera with its pose in W.
-        shape: vertices (v, 3) in O [m] and triangles (t, 3) of the object.
-        task: the strike as planned and as carried out.
+        markers: markers of the object.
+        shape: vertices (v, 3) in O [m] and triangles (t, 3) of the object; needed without markers.
+        task: the strike as planned and as carried out; what the images show of it is filled in.
+
+    Returns:
+        Motion with phases, fits and verdict, and report on the tracking.
 
     Raises:
-        TrackingError: fewer than three images at rest, or a print too poor to show the tip.
+        TrackingError: markers cannot be used, fewer than three images show the object at rest, or the print
+            is too poor to show the tip.
     """
-    motion = print_motion(frames, camera, shape, placement_of(task.planned), task.contact_time_ns)
-    return analyse_motion(motion, task, MotionSettings())
+    if markers:
+        report = track_markers(frames, camera, markers, task.planned.visible_markers)
+        task = replace(task, images_end_ns=report.images_end_ns, unmarked_ns=report.unmarked_ns)
+        return analyse_strike(report.tracks, markers, camera, task), report
+    if shape is None:
+        raise TrackingError("the object has no tags, and its shape is not known yet: it cannot be followed")
+    images = list(frames)
+    report = TrackingReport((), (), np.array([frame.time_ns for frame in images], dtype=np.int64))
+    motion = print_motion(images, camera, shape, placement_of(task.planned), task.contact_time_ns)
+    return analyse_motion(motion, replace(task, images_end_ns=report.images_end_ns), MotionSettings()), report
 
 
 def print_motion(
@@ -98,6 +118,8 @@ def print_motion(
     images = IdealImages(camera)
     rested = _frames_at_rest(frames, contact_time_ns)
     rest = [images.ideal(frame.image) for frame in frames[:rested]]
+    frames = frames[max(0, rested - _TRACKED_REST) :]
+    rested = min(rested, _TRACKED_REST)
     pivot = placement.R_world_object @ placement.p_object_pivot + placement.p_world_object
     turned, starts = np.zeros(3), None
     best: tuple[float, Array, list[PrintPose]] | None = None
