@@ -7,6 +7,7 @@ facet of a round wall. Shoulders and necks are not charted.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -82,8 +83,7 @@ class BodyChart:
             corners = np.linspace(0.0, self._along[-1], max(2, round(self._along[-1] / _LABEL_M)) + 1)
         corners[0] = 0.0
         wall = [
-            Panel(float(a), float(every.min()), float(b), float(every.max()))
-            for a, b in zip(corners[:-1], corners[1:], strict=True)
+            Panel(float(a), float(every.min()), float(b), float(every.max())) for a, b in pairwise(corners)
         ]
         x, y = 0.36 * (self._high - self._low)[:2]
         return (*wall, *(Panel(at - x, -y, at + x, y) for at in self._cap_places))

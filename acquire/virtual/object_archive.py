@@ -11,7 +11,7 @@ from acquire.virtual.convex_parts import ConvexParts
 from acquire.virtual.hidden import HiddenBody
 from acquire.virtual.objects import OBJECT_NAMES, VirtualObject, load_object
 from acquire.virtual.packaging import Packaging, PrintKind
-from schemas.object_spec import UntaggedObjectSpec
+from schemas.object_spec import ObjectSpec
 
 SUFFIX = ".npz"
 
@@ -72,7 +72,7 @@ def open_object(name: str, seed: int) -> VirtualObject:
         mass, *regions = (float(value) for value in data["masses"])
         radius, friction, distance, arm, drag = (float(value) for value in data["numbers"])
         return VirtualObject(
-            spec=UntaggedObjectSpec.model_validate_json(str(data["spec"])),
+            spec=ObjectSpec.model_validate_json(str(data["spec"])),
             spec_toml=str(data["spec_toml"]),
             shape_file=None,
             mesh_vertices=data["mesh_vertices"],

@@ -23,7 +23,7 @@ from acquire.virtual.hidden import HiddenBody, box_depth, cylinder_depth, hidden
 from acquire.virtual.packaging import BLANK, Packaging
 from acquire.virtual.primitive_meshes import box_mesh, cylinder_mesh
 from acquire.virtual.station import ARM_INERTIA_KG_M2, DISTANCE_M, DRAG_COEFFICIENT, TABLE_FRICTION
-from schemas.object_spec import ObjectSpec, UntaggedObjectSpec, parse_object_spec
+from schemas.object_spec import ObjectSpec, parse_object_spec
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -166,7 +166,7 @@ def load_object(name: str, seed: int) -> VirtualObject:
 def without_tags(virtual_object: VirtualObject) -> VirtualObject:
     """Object without its tags, in object file and images; its mass is unchanged."""
     text = virtual_object.spec_toml.partition("\n[[marker]]")[0].rstrip() + "\n"
-    spec = UntaggedObjectSpec.model_validate(virtual_object.spec.model_dump() | {"marker": []})
+    spec = virtual_object.spec.model_copy(update={"marker": []})
     return replace(virtual_object, spec=spec, spec_toml=text)
 
 

@@ -237,8 +237,8 @@ def filled_rectangles(image: np.ndarray) -> list[tuple[int, int, int, int]]:
     for number, row in enumerate(np.vstack([image, np.zeros((1, image.shape[1]), bool)])):
         steps = np.flatnonzero(np.diff(np.concatenate([[False], row, [False]]).astype(np.int8)))
         runs = set(zip(steps[::2].tolist(), steps[1::2].tolist(), strict=True))
-        for run in [run for run in open_runs if run not in runs]:
-            found.append((open_runs.pop(run), number, *run))
+        ended = [run for run in open_runs if run not in runs]
+        found += [(open_runs.pop(run), number, *run) for run in ended]
         for run in runs:
             open_runs.setdefault(run, number)
     return found

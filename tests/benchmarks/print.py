@@ -41,8 +41,8 @@ def strike_table(rows: Sequence[StrikeRow], title: str) -> Table:
     table = Table(title=title, title_justify="left")
     for heading in (
         "object", "road", "strikes", "refused", "good [%]", "frames seen [%]", "theta rms [deg]",
-        "95 %", "|bias| [deg]", "95 %", "|phi| [deg]", "95 %", "|k| [%]", "95 %", "z theta", "z phi", "in [%]",
-        "z k", "in [%]", "wrong good", "s/strike",
+        "95 %", "|bias| [deg]", "95 %", "|phi| [deg]", "95 %", "|k| [%]", "95 %", "z theta", "z phi",
+        "in [%]", "z k", "in [%]", "wrong good", "s/strike",
     ):  # fmt: skip
         table.add_column(heading, justify="left" if heading in {"object", "road"} else "right")
     for name in (*dict.fromkeys(row.name for row in rows), "all"):
@@ -190,38 +190,28 @@ def _keep(path: Path | None, rows: Iterable[StrikeRow | SessionRow | DisturbedRo
 @click.option("--only", default=",".join(DISTURBANCES), help="Disturbances, comma-separated.")
 @click.option("--workers", default=2, show_default=True)
 @click.option("--json", "path", type=click.Path(path_type=Path), help="Also append every row to this file.")
-def main(
-    seeds: int,
-    first: int,
-    objects: str,
-    roads: str,
-    strikes: int,
-    errors: str,
-    disturbed: bool,
-    only: str,
-    workers: int,
-    path: Path | None,
-) -> None:
+def main(**options: Any) -> None:
     """Run sessions, or disturbed strikes, and print the tables."""
     console = Console(width=220, highlight=False)
-    names, numbers, ways = objects.split(","), range(first, first + seeds), tuple(roads.split(","))
-    if disturbed:
-        listed = [each for each in ways if each in {"tags", "print"}]
-        cases = list(product(names, numbers, [tuple(listed)], only.split(",")))
+    names, roads = options["objects"].split(","), tuple(options["roads"].split(","))
+    numbers = range(options["first"], options["first"] + options["seeds"])
+    workers, path = options["workers"], options["path"]
+    if options["disturbed"]:
+        listed = tuple(each for each in roads if each in {"tags", "print"})
         found: list[DisturbedRow] = []
+        cases = list(product(names, numbers, (listed,), options["only"].split(",")))
         for rows in _run(run_disturbed, cases, "disturbed", workers):
             found += rows
             _keep(path, rows)
         order = list(DISTURBANCES)
         console.print(disturbed_table(sorted(found, key=lambda row: order.index(row.disturbance))))
         return
-    for drawn in {"none": (False,), "drawn": (True,), "both": (False, True)}[errors]:
+    for drawn in {"none": (False,), "drawn": (True,), "both": (False, True)}[options["errors"]]:
         title = "calibrations with errors drawn" if drawn else "as calibrated"
         sessions: list[SessionRow] = []
         struck: list[StrikeRow] = []
-        for rows, ended in _run(
-            run_session, list(product(names, numbers, (drawn,), (ways,), (strikes,))), title, workers
-        ):
+        cases = list(product(names, numbers, (drawn,), (roads,), (options["strikes"],)))
+        for rows, ended in _run(run_session, cases, title, workers):
             struck += rows
             sessions += ended
             _keep(path, [*rows, *ended])

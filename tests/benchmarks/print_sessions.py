@@ -154,7 +154,9 @@ def renderer_of(on: Scene, road: str, seed: int, glossy: bool = False) -> Render
     return Renderer(thing, on.place, seed)
 
 
-def run_session(case: tuple[str, int, bool, tuple[str, ...], int]) -> tuple[list[StrikeRow], list[SessionRow]]:
+def run_session(
+    case: tuple[str, int, bool, tuple[str, ...], int],
+) -> tuple[list[StrikeRow], list[SessionRow]]:
     """Strike, film and estimate one session by several roads.
 
     Args:
@@ -175,9 +177,7 @@ def run_session(case: tuple[str, int, bool, tuple[str, ...], int]) -> tuple[list
         motion = struck(world, on.thing, each, placed, push)
         phase = int(rng.integers(1 << 30))
         for road in roads:
-            frames = film(
-                renderers[road], motion, each.heading_rad, Filming(), np.random.default_rng(phase)
-            )
+            frames = film(renderers[road], motion, each.heading_rad, Filming(), np.random.default_rng(phase))
             row, found = analyse(on, road, each, motion, frames)
             rows.append(replace(row, name=name, seed=seed))
             if found is not None:

@@ -1,6 +1,7 @@
 """Print on virtual objects: exact coverage, on the faces as they move, clipped at edges, seeded; gloss."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -57,11 +58,7 @@ def front_corner(thing, uv):
     """Point of O on the carton's -y face at a place of the chart, and the face's chart."""
     chart = BodyChart(thing.mesh_vertices)
     groups = face_groups(thing.mesh_vertices, thing.mesh_faces)
-    piece = next(
-        piece
-        for piece in chart.pieces(groups[0])
-        if groups[0].face_normal[piece.face][1] < -0.99
-    )
+    piece = next(piece for piece in chart.pieces(groups[0]) if groups[0].face_normal[piece.face][1] < -0.99)
     middle = piece.corners.mean(axis=0)
     return piece.points(middle + np.array(uv)), middle
 
@@ -70,7 +67,7 @@ def front_corner(thing, uv):
 def test_rectangle_covers_pixels_as_supersampling_does(monkeypatch, theta):
     carton = without_tags(load_object("carton", SEED))
     corners, middle = front_corner(carton, [[-6e-3, -4e-3], [6e-3, -4e-3], [6e-3, 5e-3], [-6e-3, 5e-3]])
-    one_patch(monkeypatch, middle - [6e-3, 4e-3], middle + [6e-3, 5e-3])
+    one_patch(monkeypatch, middle - np.array([6e-3, 4e-3]), middle + np.array([6e-3, 5e-3]))
     at = pose(carton, theta)
     drawn = light(replace(carton, packaging=PRINTED), at)[0] - light(carton, at)[0]
     quad = LENS.pixels(corners @ at[1][0].T + at[0])
@@ -92,7 +89,7 @@ def test_rectangle_covers_pixels_as_supersampling_does(monkeypatch, theta):
 def test_print_is_clipped_at_the_edges_of_its_face(monkeypatch):
     carton = without_tags(load_object("carton", SEED))
     _, middle = front_corner(carton, [[0.0, 0.0]])
-    one_patch(monkeypatch, middle + [0.02, 0.06], middle + [0.06, 0.2], -80.0)
+    one_patch(monkeypatch, middle + np.array([0.02, 0.06]), middle + np.array([0.06, 0.2]), -80.0)
     at = pose(carton, 0.4)
     plain, cover = light(carton, at)
     drawn, same = light(replace(carton, packaging=PRINTED), at)
@@ -114,7 +111,9 @@ def test_clipped_polygons_have_the_shared_area():
         ticks = (np.arange(400) + 0.5) / 400
         x, y = (low[i] + ticks * (high[i] - low[i]) for i in range(2))
         within = (x[None, :] > 0) & (y[:, None] > 0) & (x[None, :] + y[:, None] < 1)
-        area = 0.5 * abs(np.sum(found[:, 0] * np.roll(found[:, 1], -1) - np.roll(found[:, 0], -1) * found[:, 1]))
+        area = 0.5 * abs(
+            np.sum(found[:, 0] * np.roll(found[:, 1], -1) - np.roll(found[:, 0], -1) * found[:, 1])
+        )
         assert area == pytest.approx(within.mean() * np.prod(high - low), abs=3e-3)
 
 
@@ -158,7 +157,7 @@ def test_print_runs_on_from_facet_to_facet_of_a_round_wall():
     walls = [piece for piece in chart.pieces(group) if abs(group.face_normal[piece.face][2]) < 0.5]
     walls.sort(key=lambda piece: piece.corners[:, 0].min())
     assert len(walls) > 40
-    for one, other in zip(walls[:-1], walls[1:], strict=True):
+    for one, other in pairwise(walls):
         assert one.corners[:, 0].max() == pytest.approx(other.corners[:, 0].min(), abs=1e-6)
 
 
