@@ -19,14 +19,12 @@ from acquire.virtual.world import World
 from analyze.errors import AnalyzeError, TrackingError
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.station import turned_camera
-from analyze.motion.print_motion import analyse_printed_strike
-from analyze.motion.strike import analyse_strike
+from analyze.motion.print_motion import analyse_images
 from analyze.motion.strike_task import StrikeTask
 from analyze.pipeline.estimate import estimate_evidence
 from analyze.pipeline.evidence import Evidence, RecordingHead
 from analyze.pipeline.object_markers import placed_markers
 from analyze.pipeline.sections import next_face_angle, rolling_outline, scanned_edge_sd, strike_supports
-from analyze.tracking.track import track_markers
 from analyze.types import CameraModel, ImageFrame, TipMotion
 from schemas.object_spec import ObjectSpec, object_sha256
 from schemas.strike_plan import PlannedStrike, StrikePlan
@@ -220,14 +218,8 @@ def analyse(
     begun = time.process_time()
     empty = StrikeRow("", 0, on.drawn, road, planned.id, "refused", "", False)
     try:
-        if road == "tags":
-            markers = placed_markers(on.spec)
-            report = track_markers(frames, camera, markers, planned.visible_markers)
-            task = replace(task, images_end_ns=report.images_end_ns, unmarked_ns=report.unmarked_ns)
-            found = analyse_strike(report.tracks, markers, camera, task)
-        else:
-            task = replace(task, images_end_ns=frames[-1].time_ns)
-            found = analyse_printed_strike(frames, camera, (on.model.vertices, on.model.faces), task)
+        markers = placed_markers(on.spec) if road == "tags" else []
+        found, _ = analyse_images(frames, camera, markers, (on.model.vertices, on.model.faces), task)
     except TrackingError as error:
         return replace(empty, reason=str(error), seconds=time.process_time() - begun), None
     row = replace(
