@@ -368,8 +368,8 @@ def _device_options(options: dict[str, Any]) -> Any:
     surface = Packaging(PrintKind(options.pop("print_kind")), given["seed"], options.pop("gloss"))
     refuse_truth_of_ours(given["object_name"], given["truth"])
     refuse_other_kind(**kinds)
-    given["address"] = given["address"] or free_address()
-    return DeviceOptions(*given.values(), DeviceKinds(**kinds), surface, options.pop("tags"))
+    chosen = given["object_name"], given["seed"], given["address"] or free_address(), given["truth"]
+    return DeviceOptions(*chosen, DeviceKinds(**kinds), surface, options.pop("tags"))
 
 
 def _socket(rig: Path | None) -> Path:

@@ -108,7 +108,7 @@ def design(panels: tuple[Panel, ...], packaging: Packaging, name: str) -> Patche
     """
     rng = np.random.default_rng((packaging.seed, zlib.crc32(name.encode()), 0x9A17))
     brand = str(rng.choice(_NAMES))
-    found: list[tuple[float, float, float, float, float]] = []
+    found: list[tuple[float, ...]] = []
     for panel in panels:
         edge = _MARGIN * min(panel.width, panel.height)
         inner = Panel(panel.left + edge, panel.bottom + edge, panel.right - edge, panel.top - edge)

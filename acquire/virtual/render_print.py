@@ -68,14 +68,14 @@ def _print_lines(chart: BodyChart, group: FaceGroup, patches: Patches) -> PrintL
     for piece in chart.pieces(group):
         low, high = piece.corners.min(axis=0), piece.corners.max(axis=0)
         near = np.flatnonzero(np.all((patches.high > low) & (patches.low < high), axis=1))
-        for number in near:
+        for number in near.tolist():
             corners = clipped(_corners(patches.low[number], patches.high[number]), piece.corners)
             if len(corners) < 3 or _area(corners) < _LEAST_AREA_M2:
                 continue
             # Counter-clockwise from outside has the inside on the left: the lines run the other way.
             points = piece.points(corners[::-1])
             for line in np.stack([points, np.roll(points, -1, axis=0)], axis=1):
-                a, b = (tuple(np.round(point, 7) + 0.0) for point in line)
+                a, b = (tuple((np.round(point, 7) + 0.0).tolist()) for point in line)
                 # Where the print runs on, the neighbour has the same line in the other direction.
                 before = seams.pop((number, *b, *a), None)
                 if before is not None:
