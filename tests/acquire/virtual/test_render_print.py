@@ -1,5 +1,6 @@
 """Print on virtual objects: exact coverage, on the faces as they move, clipped at edges, seeded; gloss."""
 
+import tomllib
 from dataclasses import replace
 from itertools import pairwise
 
@@ -8,8 +9,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from acquire.errors import ConfigError
 from acquire.virtual import render_print
 from acquire.virtual.body_chart import BodyChart
+from acquire.virtual.devices import DeviceOptions, prepare_devices
 from acquire.virtual.lens import Lens
 from acquire.virtual.object_archive import open_object, save_object
 from acquire.virtual.objects import OBJECT_NAMES, load_object, without_tags
@@ -194,3 +197,17 @@ def test_object_without_tags_survives_its_archive(tmp_path):
     q = np.array([[np.cos(0.05), 0.0, np.sin(0.05), 0.0]])
     pictures = [each.render(poses[0], q, *poses[2:], 1500.0, 0.0) for each in (one, other)]
     assert np.array_equal(*pictures)
+
+
+def test_devices_hand_the_surface_over_and_keep_it_out_of_the_object_file(tmp_path):
+    usual = DeviceOptions("carton", SEED, "127.0.0.1")
+    assert not usual.is_dressed
+    devices = prepare_devices(replace(usual, packaging=PRINTED, tags=False), tmp_path)
+    text = devices.object_path.read_text(encoding="utf-8")
+    assert "marker" not in tomllib.loads(text)
+    assert "print" not in text
+    given = devices._arguments()[1]
+    assert open_object(given, SEED).packaging == PRINTED
+    own = replace(usual, object_name=str(devices.object_path), tags=False)
+    with pytest.raises(ConfigError, match="--no-tags"):
+        prepare_devices(own, tmp_path)
