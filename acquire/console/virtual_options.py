@@ -38,8 +38,18 @@ class _ObjectName(click.ParamType):
 
 
 def virtual_options(command: Any) -> Any:
-    """Decorator that adds the options of a virtual rig: object, truth file, seed, camera, striker."""
+    """Decorator that adds the options of a virtual rig: object, print, truth file, seed, camera, striker."""
     for option in (
+        click.option("--tags/--no-tags", default=True, help="With tags on the object, or without."),
+        click.option("--gloss", is_flag=True, help="A highlight on the faces, which stays with the light."),
+        click.option(
+            "--print",
+            "print_kind",
+            default="blank",
+            show_default=True,
+            type=click.Choice(["blank", "light", "print"]),
+            help="Print on the faces, as on a package: none, pale or strong.",
+        ),
         click.option(
             "--striker",
             default="dynamixel",

@@ -9,15 +9,16 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from acquire.errors import ConfigError
 from acquire.virtual.device_kinds import USUAL_KINDS, DeviceKinds
 from acquire.virtual.object_archive import SUFFIX, save_object
-from acquire.virtual.objects import OBJECT_NAMES, VirtualObject, load_object
+from acquire.virtual.objects import OBJECT_NAMES, VirtualObject, load_object, without_tags
 from acquire.virtual.own_object import read_own_object
+from acquire.virtual.packaging import BLANK, Packaging
 from acquire.virtual.processes import running_process
 from acquire.virtual.station import calibration_sheet
 from acquire.virtual.usb_library import FOLDER as USB_FOLDER
@@ -42,6 +43,15 @@ class DeviceOptions:
     """truth file of a user's object; None to draw from the seed what its object file does not state"""
     kinds: DeviceKinds = USUAL_KINDS
     """kinds and makes of camera and striker"""
+    packaging: Packaging = BLANK
+    """print on the object's faces; in the camera's images only"""
+    tags: bool = True
+    """False to leave the tags off the object, and out of its object file"""
+
+    @property
+    def is_dressed(self) -> bool:
+        """True if an object that comes with the program looks other than usual."""
+        return not (self.packaging.is_plain and self.tags)
 
 
 @dataclass(frozen=True)
@@ -114,7 +124,7 @@ class Devices:
 
     def _arguments(self) -> list[str]:
         name = self.options.object_name
-        if name not in OBJECT_NAMES:
+        if name not in OBJECT_NAMES or self.options.is_dressed:
             name = str(self.folder / f"virtual-object{SUFFIX}")
         seed, parent = str(self.options.seed), str(os.getpid())
         return ["--object", name, "--seed", seed, "--dir", str(self.folder), "--parent", parent]
@@ -132,12 +142,27 @@ def prepare_devices(options: DeviceOptions, folder: Path) -> Devices:
     """
     refuse_other_address(options.address)
     if options.object_name in OBJECT_NAMES:
-        virtual_object, object_path = load_object(options.object_name, options.seed), folder / "object.toml"
+        virtual_object = _dressed(load_object(options.object_name, options.seed), options)
+        object_path = folder / "object.toml"
         _write_object(virtual_object, object_path)
+        if options.is_dressed:
+            save_object(virtual_object, folder / f"virtual-object{SUFFIX}")
         return Devices(options, folder, virtual_object, object_path, ())
+    if not options.tags:
+        raise ConfigError(
+            f"{options.object_name}: tags can be left off the objects that come with the program only, with"
+            f" --no-tags: choose one of {', '.join(OBJECT_NAMES)}"
+        )
     own = read_own_object(Path(options.object_name), options.seed, options.truth_path, folder)
-    save_object(own.virtual, folder / f"virtual-object{SUFFIX}")
-    return Devices(options, folder, own.virtual, own.object_path, own.notes)
+    virtual_object = _dressed(own.virtual, options)
+    save_object(virtual_object, folder / f"virtual-object{SUFFIX}")
+    return Devices(options, folder, virtual_object, own.object_path, own.notes)
+
+
+def _dressed(virtual_object: VirtualObject, options: DeviceOptions) -> VirtualObject:
+    """Object with the print that was chosen, and without its tags if that was."""
+    dressed = replace(virtual_object, packaging=options.packaging)
+    return dressed if options.tags else without_tags(dressed)
 
 
 def rig_toml(
