@@ -37,7 +37,6 @@ from schemas.strike_plan import PlannedStrike
 from schemas.watch_lines import AdviceRequest, SessionEstimate, StrikeVerdict, WatchEvent
 from schemas.wording import counted
 
-
 Progress = Callable[[str, int, int], None]
 """called with a text, the number of planned strikes done, and the number of all planned strikes"""
 

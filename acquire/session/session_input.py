@@ -13,7 +13,6 @@ from schemas.object_spec import ObjectSpec, object_sha256, read_object_spec
 from schemas.strike_plan import StrikePlan, read_strike_plan
 from schemas.watch_lines import SeenMarker
 
-
 POSE_TOLERANCE_RAD = 0.14
 """largest error of a placement [rad]: 8 degrees, far above that of a careful one, far below that of a wrong
 face"""
