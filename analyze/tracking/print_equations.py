@@ -83,5 +83,5 @@ def without_light(light: Array, grey: Array, weight: Array) -> tuple[Array, floa
     weighted = light * weight[:, None]
     normal = weighted.T @ light
     normal += 1e-9 * np.trace(normal) * np.eye(len(normal))
-    off = light @ np.linalg.solve(normal, weighted.T @ grey) - grey
+    off: Array = light @ np.linalg.solve(normal, weighted.T @ grey) - grey
     return off, max(1.4826 * float(np.median(np.abs(off))), LEAST_NOISE)

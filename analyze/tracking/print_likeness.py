@@ -115,12 +115,11 @@ class PrintedSurface:
             here = np.flatnonzero(common & (self._face == face))
             if len(here) < _LEAST_POINTS:
                 continue
-            grey = _grey(views[0], pixels[0][here])
-            moved = (pixels[1][here] + shifts[:, None]).reshape(-1, 2)
-            shifted = _grey(views[1], moved).reshape(len(shifts), -1)
+            grey = _grey(views[0], pixels[0][None, here])
+            shifted = _grey(views[1], pixels[1][here] + shifts[:, None])
             if min(grey.std(), shifted[len(shifts) // 2].std()) < _LEAST_CONTRAST:
                 continue
-            alike = float(np.max(_normalised(shifted) @ _normalised(grey[None])[0]))
+            alike = float(np.max(_normalised(shifted) @ _normalised(grey)[0]))
             if alike < MIN_LIKENESS:
                 found.append(PrintDifference(names, self._normals[here].mean(axis=0), alike))
         return min(found, key=lambda each: each.correlation, default=None)
@@ -145,11 +144,11 @@ class PrintedSurface:
 
 
 def _grey(view: RestView, pixels: Array) -> Array:
-    """Grey values (n,) of a view at pixels (n, 2) of the whole image."""
+    """Grey values (k, n) of a view at pixels (k, n, 2) of the whole image."""
     at = (pixels - view.origin).astype(np.float32)
     soft = blurred(view.image.astype(np.float32), _BLUR_PX)
-    found = cv2.remap(soft, at[:, :1], at[:, 1:], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return found[:, 0].astype(np.float64)
+    found = cv2.remap(soft, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return found.astype(np.float64)
 
 
 def _normalised(rows: Array) -> Array:
@@ -160,6 +159,5 @@ def _normalised(rows: Array) -> Array:
 
 def _px_per_m(view: RestView) -> float:
     """Pixels per metre at the object's place."""
-    return float(
-        view.camera.K[0, 0] / np.linalg.norm(view.p_world_object - view.camera.T_world_camera[:3, 3])
-    )
+    away = view.p_world_object - view.camera.T_world_camera[:3, 3]
+    return float(view.camera.K[0, 0] / np.linalg.norm(away))

@@ -18,7 +18,7 @@ def test_the_print_shows_the_tip_as_well_as_tags():
     _, model = box()
     made = tip(0, seed=0)
     shape = model.vertices, model.faces
-    motion = print_motion(made.frames, camera(), shape, placement_of(made.planned), made.contact_ns)
+    motion, _ = print_motion(made.frames, camera(), shape, placement_of(made.planned), made.contact_ns)
     frame = np.rint((motion.angle.time_ns - made.frames[0].time_ns) * 1e-9 * RATE_HZ).astype(int)
     moving = (made.theta[frame] > 0.02) & (made.theta[frame] < 1.5)
     off = np.degrees(motion.angle.theta - made.theta[frame])[moving]
