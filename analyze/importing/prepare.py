@@ -82,9 +82,8 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
     struck = None if options.plan_path is None else read_plan(options.plan_path, files)
     if struck is None:
         refuse_unplanned(options, files.spec)
-    if not files.spec.marker:
-        # Where an untagged object begins to tip is seen when it is followed.
-        options = replace(options, whole=True)
+    # Where an untagged object begins to tip is seen when it is followed.
+    options = replace(options, whole=options.whole or not files.spec.marker)
     given = None if options.camera_path is None else read_camera(options.camera_path)
     with ExitStack() as stack:
         sources = tuple(map(open_source, options.sources, options.source_options()))
@@ -172,8 +171,8 @@ def _refuse_unplaced_camera(
     """Refuse an untagged object before a camera whose pose neither its file nor a mat shows."""
     if not files.spec.marker and not camera.placed and not any(seen.mats):
         raise ImportRefused(
-            f"{options.object_path}: has no tag, so that only a mat on the table (`analyze print-tags --mat`) "
-            "or a camera file with a pose (`analyze calibrate --upright`) shows where the camera stands"
+            f"{options.object_path}: has no tag, so that only a mat on the table (`analyze print-tags "
+            "--mat`) or a camera file with a pose (`analyze calibrate --upright`) shows the camera's place"
         )
 
 

@@ -130,8 +130,8 @@ class PreparedImport:
         markers = self.object.spec.marker
         if not markers and self.sources:
             yield (
-                "the object has no tag: strikes are followed by its print, and nothing checks that each source "
-                "shows the strike named beside it"
+                "the object has no tag: strikes are followed by its print, and nothing checks that each "
+                "source shows the strike named beside it"
             )
         elif all(marker.T_object_marker is None for marker in markers):
             yield (

@@ -24,6 +24,7 @@ from analyze.tracking.print_follower import ROLL, THETA, YAW, PrintFollower, X, 
 from analyze.tracking.print_template import IdealImages, print_template
 from analyze.tracking.track import TrackingReport, track_markers
 from analyze.types import TipAngle
+from schemas.strike_result import FollowedBy
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -90,7 +91,8 @@ def analyse_images(
     images = list(frames)
     report = TrackingReport((), (), np.array([frame.time_ns for frame in images], dtype=np.int64))
     motion = print_motion(images, camera, shape, placement_of(task.planned), task.contact_time_ns)
-    return analyse_motion(motion, replace(task, images_end_ns=report.images_end_ns), MotionSettings()), report
+    analysed = analyse_motion(motion, replace(task, images_end_ns=report.images_end_ns), MotionSettings())
+    return replace(analysed, followed_by=FollowedBy.PRINT), report
 
 
 def print_motion(

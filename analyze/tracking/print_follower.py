@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 
 from analyze.tracking.camera_model import project_ideal, world_to_camera
+from analyze.tracking.print_equations import LEAST_NOISE, PrintEquations, light_terms, without_light
 from analyze.tracking.print_template import BLURS_PX, blurred
 
 if TYPE_CHECKING:
@@ -60,8 +61,6 @@ _MARGIN_PX, _SEARCH_MARGIN_PX = 24, 90
 """pixels around the points that are prepared for a fit, and for a search"""
 _OPEN_SD = np.array([1.0, 0.1, 0.1, 0.05, 0.05, 0.05])
 """1 sigma of the unknowns of a frame without a fit [rad, m]"""
-_LEAST_NOISE = 0.6
-"""least robust scale of the residuals [grey]"""
 
 
 @dataclass(frozen=True)
@@ -141,8 +140,8 @@ class PrintFollower:
         self._arms = template.points - pivot
         self._slope = template.slope.mean(axis=0)
         self._by_rest = _by_rest_pose(template, camera, pivot) - _moved(self._arms)
-        self._light = [_light_terms(grey, template.shading, template.face) for grey in template.grey]
-        self._limits = _TUKEY * _BLURRED * np.maximum(template.noise, _LEAST_NOISE)
+        self._light = [light_terms(grey, template.shading, template.face) for grey in template.grey]
+        self._limits = _TUKEY * _BLURRED * np.maximum(template.noise, LEAST_NOISE)
         self._R, self._t = world_to_camera(camera)
         self._x, self._speed, self._usual, self._missed = np.zeros(6), 0.0, 0.9, 1
 
@@ -210,15 +209,16 @@ class PrintFollower:
         if placed.seen.sum() < _LEAST_SEEN:
             return np.inf
         light = self._light[0][placed.seen]
-        off, _ = _without_light(light, view.at(placed.pixels[placed.seen], 0), np.ones(len(light)))
+        off, _ = without_light(light, view.at(placed.pixels[placed.seen], 0), np.ones(len(light)))
         return float(np.median(np.abs(off)))
 
     def _fit(self, view: _View, start: Array, level: int) -> PrintPose:
         x, open_ = start.copy(), _open(start)
         seen, weight = np.zeros(0, dtype=bool), np.zeros(0)
         light, unit = np.zeros((0, 0)), 0.0
-        system: _System | None = None
+        system: PrintEquations | None = None
         explained, shared = 0.0, np.zeros(3)
+        off, scale = np.zeros(0), LEAST_NOISE
         for turn in range(_ITERATIONS[level]):
             placed = self._placed(x)
             if turn % _RENEWED == 0:
@@ -228,12 +228,12 @@ class PrintFollower:
                 light, weight = self._light[level][seen], np.ones(int(seen.sum()))
             grey = view.at(placed.pixels[seen], level)
             for _ in range(2 if turn % _RENEWED == 0 else 1):
-                off, scale = _without_light(light, grey, weight)
+                off, scale = without_light(light, grey, weight)
                 weight = np.clip(1.0 - (off / (_TUKEY * scale)) ** 2, 0.0, None) ** 2
             if system is None or turn % _RENEWED == 0:
                 unit = 1.0 / scale**2 / CORRELATED[level]
                 design = self._design(placed, self._slope[level])[seen]
-                system = _System.of(design, light, unit * weight)
+                system = PrintEquations.of(design, light, unit * weight, _PRIOR)
             if system is None:
                 return open_
             explained = float(np.mean(np.clip(1.0 - (off / self._limits[level]) ** 2, 0.0, None) ** 2))
@@ -301,7 +301,7 @@ class PrintFollower:
         placed, level = self._placed(np.zeros(6)), len(BLURS_PX) - 1
         one, other = (self._design(placed, half[level])[placed.seen, :6] for half in self._template.slope)
         light = self._light[level][placed.seen]
-        row = 1.0 / max(self._template.noise[level], _LEAST_NOISE) ** 2 / CORRELATED[level]
+        row = 1.0 / max(self._template.noise[level], LEAST_NOISE) ** 2 / CORRELATED[level]
         free = [each - light @ np.linalg.lstsq(light, each, rcond=None)[0] for each in (one, other)]
         common = row * (free[0].T @ free[1])
         information = 0.5 * (common + common.T)
@@ -312,67 +312,6 @@ class PrintFollower:
         rest = np.linalg.solve(information[1:, 1:] + prior[1:, 1:], information[1:, THETA])
         left = print_ - float(information[THETA, 1:] @ rest)
         return 1.0 / math.sqrt(left) if left > 0.0 else math.inf
-
-
-@dataclass(frozen=True)
-class _System:
-    """Normal equations of one frame, with the light fitted."""
-
-    design: Array
-    """(n, 9) derivatives of the grey values, without what the light explains"""
-    information: Array
-    """(6, 6) information about the frame's unknowns, priors included"""
-    cross: Array
-    """(6, 3) with the pose at rest"""
-    shared: Array
-    """(3, 3) information about the pose at rest, with the frame's own unknowns fitted"""
-    by_rest: Array
-    """(6, 3) change of the frame's unknowns by the pose at rest"""
-
-    @staticmethod
-    def of(design: Array, light: Array, rows: Array) -> _System | None:
-        """Equations of derivatives (n, 9), the light's terms (n, l) and weights (n,); None if singular."""
-        weighted = light * rows[:, None]
-        inner = weighted.T @ light
-        inner += 1e-9 * np.trace(inner) * np.eye(len(inner))
-        try:
-            free = design - light @ np.linalg.solve(inner, weighted.T @ design)
-            normal = (free * rows[:, None]).T @ free
-            information = normal[:6, :6] + np.diag(_PRIOR)
-            by_rest = -np.linalg.solve(information, normal[:6, 6:])
-        except np.linalg.LinAlgError:
-            return None
-        shared = normal[6:, 6:] + normal[6:, :6] @ by_rest
-        return _System(free, information, normal[:6, 6:], shared, by_rest)
-
-    def step(self, weighted: Array, x: Array) -> tuple[Array, Array]:
-        """Step (6,) of the unknowns `x` and gradient (3,) about the pose at rest, from weighted residuals."""
-        gradient = self.design.T @ weighted
-        own = np.linalg.solve(self.information, gradient[:6] - _PRIOR * x)
-        return own, gradient[6:] - self.cross.T @ own
-
-    @property
-    def covariance(self) -> Array:
-        """Covariance (6, 6) of the frame's unknowns."""
-        return np.asarray(np.linalg.inv(self.information), dtype=np.float64)
-
-
-def _light_terms(grey: Array, shading: Array, face: Array) -> Array:
-    """Terms (m, 4 f) of the light on f faces: gain on the grey values at rest, and the shading."""
-    faces = int(face.max(initial=-1)) + 1
-    light = np.zeros((len(grey), faces, 4))
-    light[np.arange(len(grey)), face, 0] = grey
-    light[np.arange(len(grey)), face, 1:] = shading
-    return light.reshape(len(grey), 4 * faces)
-
-
-def _without_light(light: Array, grey: Array, weight: Array) -> tuple[Array, float]:
-    """Residuals (n,) of grey values with the light fitted, and their robust scale [grey]."""
-    weighted = light * weight[:, None]
-    normal = weighted.T @ light
-    normal += 1e-9 * np.trace(normal) * np.eye(len(normal))
-    off = light @ np.linalg.solve(normal, weighted.T @ grey) - grey
-    return off, max(1.4826 * float(np.median(np.abs(off))), _LEAST_NOISE)
 
 
 def _open(start: Array) -> PrintPose:

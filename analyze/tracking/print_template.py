@@ -123,7 +123,7 @@ def _raw_pixels(
 
 
 def blurred(image: NDArray[np.float32], blur_px: float) -> NDArray[np.float32]:
-    """Image with a Gaussian blur of `blur_px` (1 sigma)."""
+    """Image (h, w) with a Gaussian blur of `blur_px` (1 sigma)."""
     return np.asarray(cv2.GaussianBlur(image, (0, 0), blur_px), dtype=np.float32)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from analyze.errors import TrackingError
-from analyze.motion.print_motion import analyse_printed_strike, print_motion
+from analyze.motion.print_motion import analyse_images, print_motion
 from analyze.motion.strike import placement_of
 from analyze.motion.strike_task import StrikeTask
 from analyze.pipeline.sections import next_face_angle, rolling_outline, strike_supports
@@ -34,7 +34,7 @@ def test_the_print_shows_the_tip_as_well_as_tags():
         next_face_angle(model, made.planned),
         supports=strike_supports(model, made.planned),
     )
-    found = analyse_printed_strike(made.frames, camera(), shape, task)
+    found, _ = analyse_images(made.frames, camera(), [], shape, task)
     assert found.verdict is Verdict.GOOD
     assert found.fit is not None
     assert found.fit.k is not None
