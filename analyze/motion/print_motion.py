@@ -20,7 +20,9 @@ from analyze.errors import TrackingError
 from analyze.motion.settings import MotionSettings
 from analyze.motion.strike import analyse_motion, analyse_strike, placement_of
 from analyze.motion.tip_angle import PlanarMotion
+from analyze.tracking.camera_model import project_ideal, world_to_camera
 from analyze.tracking.print_follower import ROLL, THETA, YAW, PrintFollower, X, Z
+from analyze.tracking.print_likeness import RestView
 from analyze.tracking.print_template import IdealImages, print_template
 from analyze.tracking.track import TrackingReport, track_markers
 from analyze.types import TipAngle
@@ -28,6 +30,8 @@ from schemas.strike_result import FollowedBy
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
 
     from analyze.motion.strike_task import StrikeTask
     from analyze.motion.tip_angle import Placement
@@ -51,6 +55,8 @@ _REST_BEFORE_CONTACT_NS = 4_000_000
 """time before the contact by which a resting frame's exposure must have ended [ns]"""
 _TRACKED_REST = 30
 """largest number of frames at rest that are tracked; all serve for the template"""
+_AROUND_PX = 20
+"""pixels around the object in its view at rest"""
 _LEAST_REST = 3
 """least number of frames at rest"""
 _MOVED_NOISE = 4.0
@@ -89,8 +95,9 @@ def analyse_images(
     if shape is None:
         raise TrackingError("the object has no tags, and its shape is not known yet: it cannot be followed")
     images = list(frames)
-    report = TrackingReport((), (), np.array([frame.time_ns for frame in images], dtype=np.int64))
-    motion = print_motion(images, camera, shape, placement_of(task.planned), task.contact_time_ns)
+    times_ns = np.array([frame.time_ns for frame in images], dtype=np.int64)
+    motion, view = print_motion(images, camera, shape, placement_of(task.planned), task.contact_time_ns)
+    report = TrackingReport((), (), times_ns, view)
     analysed = analyse_motion(motion, replace(task, images_end_ns=report.images_end_ns), MotionSettings())
     return replace(analysed, followed_by=FollowedBy.PRINT), report
 
@@ -101,7 +108,7 @@ def print_motion(
     shape: tuple[Array, IntArray],
     placement: Placement,
     contact_time_ns: int,
-) -> PlanarMotion:
+) -> tuple[PlanarMotion, RestView]:
     """Motion of a strike from its images by the print that the camera sees at rest.
 
     Args:
@@ -112,7 +119,8 @@ def print_motion(
         contact_time_ns: log time of the contact [ns]; 0 if unknown.
 
     Returns:
-        Tipping angle, slip and lift of the pivot in every frame in which the print was found.
+        Tipping angle, slip and lift of the pivot in every frame in which the print was found; and the object
+        at rest.
 
     Raises:
         TrackingError: fewer than three images at rest, or a print too poor to show the tip.
@@ -151,7 +159,23 @@ def print_motion(
         turned = turned + correction
         starts = [pose.x + pose.by_rest @ correction if pose.explained > 0 else None for pose in poses]
     assert best is not None  # noqa: S101 - there is a step
-    return _planar(frames, best[2], rested, camera, float(best[1][0]))
+    seen_by = _moved_camera(camera, pivot, best[1])
+    view = _rest_view(rest, seen_by, shape[0], placement)
+    return _planar(frames, best[2], rested, camera, float(best[1][0])), view
+
+
+def _rest_view(
+    rest: Sequence[NDArray[np.float32]], camera: CameraModel, vertices: Array, placement: Placement
+) -> RestView:
+    """Mean image of the object at rest, cut out around it."""
+    R, p = placement.R_world_object, placement.p_world_object
+    R_camera, t = world_to_camera(camera)
+    pixels = project_ideal(camera, (vertices @ R.T + p) @ R_camera.T + t)
+    size = np.array([camera.width, camera.height])
+    low = np.clip(np.floor(pixels.min(axis=0) - _AROUND_PX), 0, size - 1).astype(int)
+    high = np.clip(np.ceil(pixels.max(axis=0) + _AROUND_PX), low + 1, size).astype(int)
+    mean = np.mean([image[low[1] : high[1], low[0] : high[0]] for image in rest], axis=0)
+    return RestView(np.rint(mean).astype(np.uint8), (int(low[0]), int(low[1])), camera, R, p)
 
 
 def _frames_at_rest(frames: Sequence[ImageFrame], contact_time_ns: int) -> int:

@@ -149,7 +149,7 @@ def print_template(
         points: number of points to take.
     """
     placed = vertices @ pose[0].T + pose[1]
-    seen, faces = _visible(camera, placed, triangles)
+    seen, faces = visible_triangles(camera, placed, triangles)
     box = _around(seen)
     seen = seen[box]
     top, left = box[0].start, box[1].start
@@ -220,7 +220,7 @@ def _shading(pixels: Array, face: IntArray) -> Array:
     return shading
 
 
-def _visible(camera: CameraModel, placed: Array, triangles: IntArray) -> tuple[IntArray, IntArray]:
+def visible_triangles(camera: CameraModel, placed: Array, triangles: IntArray) -> tuple[IntArray, IntArray]:
     """Number of the triangle in each pixel (h, w), -1 for none, and the face of each triangle (t,).
 
     Triangles are drawn from the farthest to the nearest; grazing ones hide others, but are not seen.
@@ -238,7 +238,7 @@ def _visible(camera: CameraModel, placed: Array, triangles: IntArray) -> tuple[I
         if facing[number] > 0:
             value = int(number) if facing[number] > _STEEPEST else -1
             cv2.fillConvexPoly(drawn, pixels[triangles[number]], value, shift=4)
-    return drawn.astype(np.int64), _faces(placed, triangles, normal)
+    return drawn.astype(np.int64), smooth_faces(placed, triangles)
 
 
 def _around(seen: IntArray) -> Box:
@@ -253,9 +253,17 @@ def _around(seen: IntArray) -> Box:
     )
 
 
-def _faces(placed: Array, triangles: IntArray, normals: Array) -> IntArray:
-    """Face (t,) of each triangle: neighbours within `_SAME_FACE_RAD` of each other are of one face."""
-    _, merged = np.unique(np.round(placed, 7), axis=0, return_inverse=True)
+def smooth_faces(vertices: Array, triangles: IntArray) -> IntArray:
+    """Face (t,) of each triangle: neighbours within `_SAME_FACE_RAD` of each other are of one face.
+
+    Args:
+        vertices: (v, 3) vertices [m].
+        triangles: (t, 3) their indices.
+    """
+    corner = vertices[triangles]
+    normals = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-15)
+    _, merged = np.unique(np.round(vertices, 7), axis=0, return_inverse=True)
     corners = np.sort(merged.reshape(-1)[triangles], axis=1)
     edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [0, 2]]])
     owner = np.tile(np.arange(len(triangles)), 3)
