@@ -34,6 +34,8 @@ WRONG_Z = 3.0
 """error over its standard deviation from which on a good strike is wrong"""
 WRONG_RAD = np.radians(0.1)
 """error of phi from which on a good strike is wrong, if it is beyond `WRONG_Z` too [rad]"""
+WRONG_K = 0.01
+"""the same for k, relative"""
 
 
 def strike_table(rows: Sequence[StrikeRow], title: str) -> Table:
@@ -76,8 +78,9 @@ def _strike_cells(rows: Sequence[StrikeRow]) -> list[str]:
 
 
 def is_wrong(row: StrikeRow) -> bool:
-    """True if a good strike's phi is wrong by far more than it states."""
-    return abs(row.phi_z) > WRONG_Z and abs(row.phi) > WRONG_RAD
+    """True if a good strike's phi or k is wrong by far more than it states."""
+    wrong_phi = abs(row.phi_z) > WRONG_Z and abs(row.phi) > WRONG_RAD
+    return wrong_phi or (abs(row.k_z) > WRONG_Z and abs(row.k) > WRONG_K)
 
 
 def session_table(rows: Sequence[SessionRow], title: str) -> Table:

@@ -84,7 +84,7 @@ def run_disturbed(case: tuple[str, int, tuple[str, ...], str]) -> list[Disturbed
     disturbance = DISTURBANCES[title]
     rng = np.random.default_rng((seed, 0xD157, *name.encode()))
     on = _disturbed(scene(name, seed, False, rng), disturbance)
-    world = World(on.thing, lambda *_: 0.0, table_tilt=(0.0, -on.tilt), arm_angle=-2.5)
+    world = World(on.thing, lambda *_: 0.0, table_tilt=(0.0, on.tilt), arm_angle=-2.5)
     renderers = {road: renderer_of(on, road, seed, disturbance.glossy) for road in roads}
     rows: list[DisturbedRow] = []
     for planned in chosen(on.plan, STRIKES):

@@ -164,7 +164,7 @@ def run_session(
     cv2.setNumThreads(1)
     rng = np.random.default_rng((seed, 0x9121117, drawn, *name.encode()))
     on = scene(name, seed, drawn, rng)
-    world = World(on.thing, lambda *_: 0.0, table_tilt=(0.0, -on.tilt), arm_angle=-2.5)
+    world = World(on.thing, lambda *_: 0.0, table_tilt=(0.0, on.tilt), arm_angle=-2.5)
     planned = chosen(on.plan, most)
     motions: dict[str, list[TipMotion]] = {road: [] for road in roads}
     renderers = {road: renderer_of(on, road, seed) for road in roads}
