@@ -51,6 +51,8 @@ MAX_THETA_SD = math.radians(0.1)
 BIAS_SD = math.radians(0.03)
 """1 sigma of theta's error that neighbouring frames share: grey values between pixels, light, the pose at
 rest"""
+PLACE_SD = 0.2e-3
+"""1 sigma of the errors of slip and lift that the light and the shape cause [m]"""
 _REST_BEFORE_CONTACT_NS = 4_000_000
 """time before the contact by which a resting frame's exposure must have ended [ns]"""
 _TRACKED_REST = 30
@@ -131,7 +133,12 @@ def print_motion(
     frames = frames[max(0, rested - _TRACKED_REST) :]
     rested = min(rested, _TRACKED_REST)
     pivot = placement.R_world_object @ placement.p_object_pivot + placement.p_world_object
-    turned, starts = np.zeros(3), None
+    times_s = 1e-9 * np.array([frame.time_ns - frames[0].time_ns for frame in frames])
+    interval_s = float(np.median(np.diff(times_s)))
+    turned = np.zeros(3)
+    unknown: list[None] = [None] * len(frames)
+    starts: Sequence[Array | None] = unknown
+    rates: Sequence[float | None] = unknown
     best: tuple[float, Array, list[PrintPose]] | None = None
     for step in range(REST_STEPS + 1):
         # Where the object was put down otherwise, so was its edge: the camera is moved instead.
@@ -139,24 +146,24 @@ def print_motion(
         pose = placement.R_world_object, placement.p_world_object
         template = print_template(rest, before, *shape, pose)
         _refuse_unseen(template.faces)
-        follower = PrintFollower(template, before, images, pivot, placement.radius)
+        follower = PrintFollower(template, before, images, pivot, placement.radius, interval_s)
         if step == 0:
             _refuse_vague(follower.theta_sd())
         poses = [
-            follower.add(frame.image, None if starts is None else starts[number])
-            for number, frame in enumerate(frames)
+            follower.add(frame.image, starts[number], rates[number]) for number, frame in enumerate(frames)
         ]
         explained = float(np.mean([pose.explained for pose in poses]))
         if best is None or explained > best[0]:
             best = explained, turned, poses
         elif explained < _WORSE * best[0]:
             # Too far: half the way back.
-            turned, starts = 0.5 * (turned + best[1]), None
+            turned, starts = 0.5 * (turned + best[1]), unknown
             continue
         correction = _rest_correction(poses[rested:], turned)
         if np.all(np.abs(correction) < _REST_CONVERGED):
             break
         turned = turned + correction
+        rates = np.gradient([pose.x[THETA] for pose in poses], times_s).tolist()
         starts = [pose.x + pose.by_rest @ correction if pose.explained > 0 else None for pose in poses]
     assert best is not None  # noqa: S101 - there is a step
     seen_by = _moved_camera(camera, pivot, best[1])
@@ -293,6 +300,7 @@ def _planar(
         strain_sd=camera.strain_sd,
     )
     planar = covariance[:, place][:, :, place] * factor**2
-    position_sd = np.sqrt(0.5 * (covariance[:, X, X] + covariance[:, Z, Z]))
+    planar[:, 1:, 1:] += PLACE_SD**2 * np.eye(2)
+    position_sd = np.sqrt(0.5 * (planar[:, 1, 1] + planar[:, 2, 2]))
     motion = PlanarMotion(angle, x[:, Z], position_sd, off_sd, 0.0, planar)
     return replace(motion, yaw=yaw, roll=x[:, ROLL], roll_sd=np.sqrt(covariance[:, ROLL, ROLL]))

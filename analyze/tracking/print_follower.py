@@ -21,6 +21,7 @@ import numpy as np
 from analyze.tracking.camera_model import project_ideal, world_to_camera
 from analyze.tracking.print_equations import LEAST_NOISE, PrintEquations, light_terms, without_light
 from analyze.tracking.print_template import BLURS_PX, blurred
+from analyze.tracking.rolling_shutter import row_delay_s
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -53,6 +54,8 @@ _TRIED = 3
 """number of the best of these that are fitted"""
 _LOST_BELOW = 0.8
 """mean weight of the points, over the usual one, below which a frame has no fit"""
+_LEAST_STRENGTH = 2.0
+"""gradient from which on a point is print [grey/px]: shades of a facetted wall have less"""
 _LEAST_SEEN = 40
 """number of points in view below which nothing is fitted"""
 _BLURRED = 2.0
@@ -124,6 +127,7 @@ class PrintFollower:
         images: removal of the camera's distortion.
         pivot: (3,) point of the pivot's centre line at rest, in W [m].
         radius: radius of the edge's rounding [m], on which the body rolls.
+        interval_s: time from frame to frame [s], for a rolling shutter.
     """
 
     def __init__(
@@ -133,10 +137,12 @@ class PrintFollower:
         images: IdealImages,
         pivot: Array,
         radius: float,
+        interval_s: float = 0.0,
     ) -> None:
         """Prepare the tracker; the first frame is expected at rest."""
         self._template, self._camera, self._images = template, camera, images
         self._pivot, self._radius = pivot, radius
+        self._interval_s, self._rate = interval_s, 0.0
         self._arms = template.points - pivot
         self._slope = template.slope.mean(axis=0)
         self._by_rest = _by_rest_pose(template, camera, pivot) - _moved(self._arms)
@@ -145,7 +151,9 @@ class PrintFollower:
         self._R, self._t = world_to_camera(camera)
         self._x, self._speed, self._usual, self._missed = np.zeros(6), 0.0, 0.9, 1
 
-    def add(self, image: NDArray[np.uint8], start: Array | None = None) -> PrintPose:
+    def add(
+        self, image: NDArray[np.uint8], start: Array | None = None, rate: float | None = None
+    ) -> PrintPose:
         """Fit the next frame's pose.
 
         If the prediction leads to no fit, as in the frame after a blow, the coarse level and tips around the
@@ -154,7 +162,12 @@ class PrintFollower:
         Args:
             image: the camera's image.
             start: (6,) unknowns to begin with; None to predict them from the frames before.
+            rate: angular velocity [rad/s], by which a rolling shutter skews the image; None for that of the
+                frames before.
         """
+        if rate is None:
+            rate = self._speed / self._interval_s if self._interval_s else 0.0
+        self._rate = rate
         if start is None:
             start = self._x * np.array([1.0, 0.9, 0.9, 0.9, 0.9, 0.9])
             start[THETA] += self._speed
@@ -256,8 +269,14 @@ class PrintFollower:
         turned = rolled @ yaw.T
         shift = x[X:] + np.array([self._radius * x[THETA], 0.0, 0.0])
         points = turned + (self._pivot + shift)
-        sight = points - self._camera.T_world_camera[:3, 3]
         pixels = project_ideal(self._camera, points @ self._R.T + self._t)
+        if self._rate and self._camera.line_time_s:
+            # Each row is read out at its own time.
+            late = self._rate * row_delay_s(self._camera, pixels[:, 1])
+            points[:, 0] += late * (turned[:, 2] + self._radius)
+            points[:, 2] -= late * turned[:, 0]
+            pixels = project_ideal(self._camera, points @ self._R.T + self._t)
+        sight = points - self._camera.T_world_camera[:3, 3]
         normals = self._template.normals @ (yaw @ roll @ tip).T
         facing = -np.sum(normals * sight, axis=1) > 0.15 * np.linalg.norm(sight, axis=1)
         far = np.array([self._camera.width - 3, self._camera.height - 3])
@@ -299,8 +318,11 @@ class PrintFollower:
         Only what both halves of the images show counts as print.
         """
         placed, level = self._placed(np.zeros(6)), len(BLURS_PX) - 1
-        one, other = (self._design(placed, half[level])[placed.seen, :6] for half in self._template.slope)
-        light = self._light[level][placed.seen]
+        strong = placed.seen & (self._template.strength > _LEAST_STRENGTH)
+        if strong.sum() < _LEAST_SEEN:
+            return math.inf
+        one, other = (self._design(placed, half[level])[strong, :6] for half in self._template.slope)
+        light = self._light[level][strong]
         row = 1.0 / max(self._template.noise[level], LEAST_NOISE) ** 2 / CORRELATED[level]
         free = [each - light @ np.linalg.lstsq(light, each, rcond=None)[0] for each in (one, other)]
         common = row * (free[0].T @ free[1])

@@ -22,8 +22,10 @@ if TYPE_CHECKING:
 
     from analyze.types import Array, CameraModel, IntArray
 
-_POINTS, _SEED = 6000, 1
-"""number of points of the surface that are compared, drawn evenly, and the seed"""
+_POINTS = 6000
+"""number of points of the surface that are compared, spread evenly"""
+_SPREAD = np.array([0.7548776662, 0.5698402910])
+"""steps of an even sequence in the unit square (Roberts 2018)"""
 _BLUR_PX = 2.5
 """1 sigma of the blur before the comparison [px]"""
 _STEEPEST = 0.35
@@ -75,13 +77,13 @@ class PrintedSurface:
     """
 
     def __init__(self, vertices: Array, triangles: IntArray) -> None:
-        """Draw the points, evenly over the surface."""
+        """Spread the points over the surface."""
         corner = vertices[triangles]
         across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         area = np.linalg.norm(across, axis=1)
-        random = np.random.default_rng(_SEED)
-        self._triangle = np.sort(random.choice(len(triangles), _POINTS, p=area / area.sum()))
-        u, v = random.random((2, _POINTS))
+        share = (np.arange(_POINTS) + 0.5) / _POINTS
+        self._triangle = np.searchsorted(np.cumsum(area) / area.sum(), share)
+        u, v = (np.arange(_POINTS) * _SPREAD[:, None]) % 1.0
         u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
         own = corner[self._triangle]
         self._points = own[:, 0] + u[:, None] * (own[:, 1] - own[:, 0]) + v[:, None] * (own[:, 2] - own[:, 0])

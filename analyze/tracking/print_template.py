@@ -73,6 +73,8 @@ class PrintTemplate:
     """(levels, m) grey values at rest"""
     slope: Array
     """(halves, levels, m, 3) gradient along the surface at rest, in W [grey/m], by each half of the images"""
+    strength: Array
+    """(m,) gradient that both halves of the images show, of the finer level [grey/px]"""
     noise: Array
     """(levels,) robust scale of one image's grey values about those at rest [grey]"""
     shading: Array
@@ -173,10 +175,11 @@ def print_template(
     grey = 0.5 * np.array(
         [one[rows, columns] + other[rows, columns] for one, other in zip(*levels, strict=True)]
     )
-    slope = np.empty((2, len(BLURS_PX), len(rows), 3))
+    slope, by_pixel = np.empty((2, len(BLURS_PX), len(rows), 3)), []
     for half, level in np.ndindex(2, len(BLURS_PX)):
         by_x, by_y = _gradients(levels[half][level])
-        along = by_x[rows, columns, None] * by_point[:, 0] + by_y[rows, columns, None] * by_point[:, 1]
+        by_pixel.append(np.column_stack([by_x[rows, columns], by_y[rows, columns]]))
+        along = np.einsum("ni,nij->nj", by_pixel[-1], by_point)
         slope[half, level] = along - np.sum(along * normal, axis=1, keepdims=True) * normal
     noise = np.array([_scatter(part, blur, rows, columns) for blur in BLURS_PX])
     face = faces[seen[rows, columns]]
@@ -190,6 +193,7 @@ def print_template(
         number.astype(np.int64),
         grey[:, kept],
         slope[:, :, kept],
+        np.sqrt(np.maximum(np.sum(by_pixel[len(BLURS_PX) - 1] * by_pixel[-1], axis=1), 0.0))[kept],
         noise,
         _shading(places, number),
     )
