@@ -13,7 +13,7 @@ import numpy as np
 
 from analyze.flight.first_guess import body_poses, first_fit
 from analyze.flight.flight_model import GRAVITY, SHAPE, FlightModel, TossStart
-from analyze.flight.toss_fit import FlightPrior, TossFit, fit_tosses
+from analyze.flight.toss_fit import FlightPrior, TossFit, fit_model, fit_tosses
 from analyze.geometry.rotations import matrix_from_vector
 from analyze.geometry.second_moments import unit_inertia, with_size
 
@@ -51,8 +51,11 @@ _MAX_GROWTH = 1.6
 """largest growth of the rms residual by frames that are added"""
 _MAX_STEPS = 6
 """number of steps after which the fit to a flight that grows ends"""
-_LEAST_GAIN = 1.0
-"""decrease of chi^2 in a step below which it ends as well"""
+_LEAST_GAIN = 0.01
+"""decrease of chi^2 in a step, as a fraction of what is usual, below which it ends as well"""
+_HALVED_ABOVE = 3.0
+"""chi^2, over what is usual, above which the first step to further frames must halve it, or they are not of
+the flight"""
 _MAX_PREDICTED_PX = 8.0
 """largest median distance of the corners in frames that are added from where the fit so far predicts them"""
 _GUARD_FRAMES = 1
@@ -226,9 +229,8 @@ def _extended(views: TossViews, start: TossStart, fit: TossFit, added: NDArray[n
     off = np.abs(predicted - views.corners.ravel()).reshape(-1, 8)[added]
     if not float(np.median(off)) < _MAX_PREDICTED_PX:
         return None
-    new = fit_tosses(
-        model.body, fit.prior, model.camera, model.tags, model.tosses, shared, _MAX_STEPS, _LEAST_GAIN
-    )
+    chi2 = fit.cost * len(views.frame) / len(fit.model.tosses[0][0].frame)
+    new = fit_model(model, fit.prior, shared, _MAX_STEPS, _LEAST_GAIN * chi2, _HALVED_ABOVE * chi2)
     usual = max(_rms(_frame_residuals(fit.model.tosses[0][0], fit)), 1.0)
     fits_all = _rms(_frame_residuals(views, new)) < _MAX_GROWTH * usual
     return new if fits_all and _end_fits(views, new, last=bool(added[views.frame.argmax()])) else None

@@ -134,8 +134,29 @@ def fit_tosses(
         max_steps: number of steps after which the fit ends, converged or not.
         least_gain: decrease of chi^2 in a step below which the fit ends.
     """
-    model = FlightModel(body, camera, tags, tosses)
-    mean, sd = prior.mean_and_sd(tags)
+    return fit_model(FlightModel(body, camera, tags, tosses), prior, shared, max_steps, least_gain)
+
+
+def fit_model(
+    model: FlightModel,
+    prior: FlightPrior,
+    shared: Array | None = None,
+    max_steps: int = MAX_STEPS,
+    least_gain: float = LEAST_GAIN,
+    halve_above: float = np.inf,
+) -> TossFit:
+    """Fit a model of tosses to the corners of their views, as `fit_tosses` does.
+
+    Args:
+        model: model of all tosses, which holds their views and first guesses.
+        prior: body as known before.
+        shared: first guess of the unknowns (s,) that tosses share; None for the prior's mean.
+        max_steps: number of steps after which the fit ends, converged or not.
+        least_gain: decrease of chi^2 in a step below which the fit ends.
+        halve_above: chi^2 above which the first step must halve it, or the fit ends there.
+    """
+    tosses = model.tosses
+    mean, sd = prior.mean_and_sd(model.tags)
     first = mean if shared is None else shared
     start = np.concatenate([first, *(each.numbers for _, each in tosses)])
     observed = np.concatenate([*(views.corners.ravel() for views, _ in tosses), mean])
@@ -149,7 +170,7 @@ def fit_tosses(
         )
 
     stated = np.concatenate([corner_sd, sd])
-    found = minimise(observed, stated, expected, start, scale, TAG_SIZE, max_steps, least_gain)
+    found = minimise(observed, stated, expected, start, scale, TAG_SIZE, max_steps, least_gain, halve_above)
     return _result(model, prior, found, corner_sd, sd)
 
 

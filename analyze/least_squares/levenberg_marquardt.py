@@ -65,6 +65,7 @@ def minimise(
     positive_index: int = 1,
     max_steps: int = MAX_STEPS,
     least_gain: float = 0.0,
+    halve_above: float = math.inf,
 ) -> Minimum:
     """Parameters (p,) that minimise the Huber loss of (observed - expected) / sd.
 
@@ -79,6 +80,8 @@ def minimise(
         max_steps: number of steps after which the iteration ends.
         least_gain: decrease of the sum of squares by a nearly undamped step below which the iteration ends
             as well; with 0 only small steps end it.
+        halve_above: sum of squares above which the first step must halve it, or the iteration ends there: a
+            model that fits is nearly linear so close to its start, and the first step takes most away.
 
     Returns:
         Parameters (p,) after the last accepted step; there, the residuals (n,) observed - expected in the
@@ -95,7 +98,7 @@ def minimise(
     residual, jacobian = evaluate(x)
     weight = _weights(residual / sd)
     cost = float(np.sum(weight * (residual / sd) ** 2))
-    for _ in range(max_steps):
+    for number in range(max_steps):
         J = jacobian * (np.sqrt(weight) / sd)[:, None] * scale
         r = residual * np.sqrt(weight) / sd
         normal, gradient = J.T @ J, J.T @ r
@@ -106,6 +109,8 @@ def minimise(
             continue
         new_residual, new_jacobian = evaluate(trial)
         new_cost = float(np.sum(weight * (new_residual / sd) ** 2))
+        if number == 0 and cost > halve_above and not new_cost < 0.5 * cost:
+            break
         if not math.isfinite(new_cost) or new_cost > cost * (1 + 1e-9) + 1e-12:
             damping *= 8
             if damping > _MAX_DAMPING:
