@@ -70,12 +70,13 @@ class AirLoad:
     def __call__(self, motion: Array | tuple[float, ...]) -> Array:
         """Force and moment (..., 6) at velocities of c and angular velocities (..., 6) in O [m/s, rad/s]."""
         motion = np.asarray(motion)
-        against = np.maximum(motion @ self.wrench.T, 0.0)
-        speed = against
-        if self.oblique:
-            moved = motion[..., None, :3] + cross(motion[..., None, 3:], self.arms)
-            speed = np.sqrt(np.sum(moved**2, axis=-1))
-        return (against * speed) @ self.pressed
+        against = motion @ self.wrench.T
+        np.maximum(against, 0.0, out=against)
+        if not self.oblique:
+            against *= against
+            return against @ self.pressed
+        moved = motion[..., None, :3] + cross(motion[..., None, 3:], self.arms)
+        return (against * np.sqrt(np.sum(moved**2, axis=-1))) @ self.pressed
 
 
 def hull_panels(hull_vertices: Array) -> HullPanels:

@@ -41,6 +41,9 @@ _END_RATIO = 3.0
 _CORE_FRAMES, _CORE_S = 16, 0.13
 """number of frames that are fitted at first, and added at most at once, and the time that they cover where
 that takes more"""
+_LATE_FRAMES = 4
+"""number of later frames that are added at most at once to a flight that has all earlier ones: most often
+there are none"""
 _MAX_CORES = 6
 """largest number of places where first frames are tried, half of them apart, from the middle of the stretch
 outwards"""
@@ -124,8 +127,8 @@ def grown_flight(
         return None
     begin, end, found = core
     most = end - begin
-    for later in (True, False, True):
-        begin, end, found = _grown(views, begin, end, found, most, later=later)
+    for later, at_once in ((True, most), (False, most), (True, _LATE_FRAMES)):
+        begin, end, found = _grown(views, begin, end, found, at_once, later=later)
     size = _frame_residuals(views.part(begin, end), found)
     fits = np.flatnonzero(size < _END_RATIO * max(1.0, float(np.median(size))))
     first, last = begin + int(fits[0]) + _GUARD_FRAMES, begin + int(fits[-1]) + 1 - _GUARD_FRAMES
