@@ -348,6 +348,9 @@ def _of_corners(path: FlightPath, views: TossViews, arms: Array, gravity: Array)
 
 
 def _left_jacobian(vector: Array) -> Array:
-    """Turns (..., 3, 3) in the fixed frame per change of small rotation vectors (..., 3) [rad], to second order."""
+    """Turns (..., 3, 3) in the fixed frame per change of small rotation vectors (..., 3) [rad].
+
+    They are exact to second order.
+    """
     K = hat(vector)
     return np.eye(3) + 0.5 * K + K @ K / 6.0

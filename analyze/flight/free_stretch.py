@@ -16,6 +16,7 @@ from analyze.flight.flight_model import GRAVITY, SHAPE, FlightModel, TossStart
 from analyze.flight.toss_fit import FlightPrior, TossFit, fit_model, fit_tosses
 from analyze.geometry.rotations import matrix_from_vector
 from analyze.geometry.second_moments import unit_inertia, with_size
+from analyze.least_squares.levenberg_marquardt import Ending
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -233,7 +234,7 @@ def _extended(views: TossViews, start: TossStart, fit: TossFit, added: NDArray[n
     if not float(np.median(off)) < _MAX_PREDICTED_PX:
         return None
     chi2 = fit.cost * len(views.frame) / len(fit.model.tosses[0][0].frame)
-    new = fit_model(model, fit.prior, shared, _MAX_STEPS, _LEAST_GAIN * chi2, _HALVED_ABOVE * chi2)
+    new = fit_model(model, fit.prior, shared, Ending(_MAX_STEPS, _LEAST_GAIN * chi2, _HALVED_ABOVE * chi2))
     usual = max(_rms(_frame_residuals(fit.model.tosses[0][0], fit)), 1.0)
     fits_all = _rms(_frame_residuals(views, new)) < _MAX_GROWTH * usual
     return new if fits_all and _end_fits(views, new, last=bool(added[views.frame.argmax()])) else None
