@@ -53,6 +53,8 @@ _GOOD_CORE, _MAX_CORE_PX = 2.5, 1.0
 the best place [px]"""
 _MAX_GROWTH = 1.6
 """largest growth of the rms residual by frames that are added"""
+_ENDING = Ending(max_steps=25, least_gain=0.1, damping_kept=2)
+"""when the fit to a whole flight ends: the fit of all tosses begins from it"""
 _MAX_STEPS = 6
 """number of steps after which the fit to a flight that grows ends"""
 _LEAST_GAIN = 0.01
@@ -136,7 +138,7 @@ def grown_flight(
     part = views.part(first, last)
     seconds = float(views.seconds[first] - views.seconds[begin])
     again = [(part, moved_in_time(found, seconds))]
-    return part, fit_tosses(body, prior, camera, tags, again, found.x[: found.model.shared])
+    return part, fit_tosses(body, prior, camera, tags, again, found.x[: found.model.shared], _ENDING)
 
 
 def _core(

@@ -63,10 +63,14 @@ class Ending:
     max_steps: int = MAX_STEPS
     """number of steps after which it ends, converged or not"""
     least_gain: float = 0.0
-    """decrease of the sum of squares by a nearly undamped step below which it ends; 0: small steps alone"""
+    """decrease of the sum of squares by a nearly undamped step below which it ends, and growth by a refused
+    step below which it ends as well; 0: small steps alone"""
     halve_above: float = math.inf
     """sum of squares above which the first step must halve it, or the iteration ends there: a model that fits
     is nearly linear so close to its start, and the first step takes most away"""
+    damping_kept: int = 0
+    """number of steps after a refused one in which the damping is not lowered: where valleys are long and
+    curved, a lower damping is refused every second time"""
 
 
 def minimise(
@@ -100,7 +104,7 @@ def minimise(
         expected, jacobian = model(x)
         return observed - expected, jacobian
 
-    x, damping = start.copy(), _START_DAMPING
+    x, damping, kept = start.copy(), _START_DAMPING, 0
     residual, jacobian = evaluate(x)
     weight = _weights(residual / sd)
     cost = float(np.sum(weight * (residual / sd) ** 2))
@@ -118,13 +122,13 @@ def minimise(
         if number == 0 and cost > ending.halve_above and not new_cost < 0.5 * cost:
             break
         if not math.isfinite(new_cost) or new_cost > cost * (1 + 1e-9) + 1e-12:
-            damping *= 8
-            if damping > _MAX_DAMPING:
+            damping, kept = damping * 8, ending.damping_kept
+            if damping > _MAX_DAMPING or new_cost - cost < ending.least_gain:
                 break
             continue
         gained_little = damping <= _START_DAMPING and abs(cost - new_cost) < ending.least_gain
         x, residual, jacobian = trial, new_residual, new_jacobian
-        damping = max(damping / 8, 1e-12)
+        damping, kept = (damping, kept - 1) if kept else (max(damping / 8, 1e-12), 0)
         converged = bool(np.all(np.abs(step) < _STEP_TOLERANCE * scale))
         new_weight = _weights(residual / sd)
         settled = bool(np.max(np.abs(new_weight - weight)) < _WEIGHT_TOLERANCE)
