@@ -35,6 +35,7 @@ def judged(thrown: TossedObject) -> TossJudgement:
     return judge.judge(REQUEST, thrown.frames(first_ns=thrown.release_ns - 60_000_000))
 
 
+@pytest.mark.slow
 def test_a_good_toss_is_judged_by_its_images():
     thrown = tossed(TossKind.GOOD)
     found = judged(thrown)
@@ -42,6 +43,7 @@ def test_a_good_toss_is_judged_by_its_images():
     assert found.flight_s == pytest.approx(1e-9 * (thrown.landing_ns - thrown.release_ns), abs=0.03)
 
 
+@pytest.mark.slow
 def test_a_short_toss_has_its_reason():
     found = judged(tossed(TossKind.SHORT))
     assert found.code in {TossVerdict.SHORT, TossVerdict.NOT_FREE}
