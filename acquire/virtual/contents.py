@@ -211,10 +211,13 @@ def _level_planes(cavity: _Cavity, filled: float) -> tuple[NDArray[np.float64], 
     """Planes (n, 4) of the convex body of a liquid's centroids, one for each direction, and depths (n,)."""
     normals = _sphere(DIRECTIONS)
     count = max(1, round(filled * len(cavity.points)))
-    deep = cavity.points @ normals.T
-    # The deepest points are those of the liquid; the support of their centroid is the mean of their depths.
-    lowest = np.partition(deep, len(deep) - count, axis=0)[len(deep) - count :]
-    return np.column_stack([normals, lowest.mean(axis=0)]), np.ptp(lowest, axis=0)
+    offsets, depths = np.empty(len(normals)), np.empty(len(normals))
+    for i, normal in enumerate(normals):
+        deep = cavity.points @ normal
+        # The deepest points are the liquid's; the mean of their depths is the support of their centroid.
+        lowest = np.partition(deep, len(deep) - count)[len(deep) - count :]
+        offsets[i], depths[i] = lowest.mean(), np.ptp(lowest)
+    return np.column_stack([normals, offsets]), depths
 
 
 def _lump_planes(thing: VirtualObject, cavity: _Cavity, given: GivenContents) -> NDArray[np.float64]:
