@@ -78,13 +78,13 @@ def virtual_options(command: Any) -> Any:
         click.option(
             "--friction",
             type=click.FloatRange(0.05, 2.0),
-            help="Friction between object and table.  [default: that of the truth file, or drawn from the seed]",
+            help="Friction between object and table.  [default: by the truth file, or drawn from the seed]",
         ),
         click.option(
             "--contents",
             metavar="KIND:SHARE[:VALUE]",
-            help="What moves inside: liquid, powder or lump, its share of the mass, and the filled share, the "
-            "angle of repose [deg] or the friction (liquid:0.2:0.5).  [default: nothing]",
+            help="What moves inside: liquid, powder or lump, its share of the mass, and the filled share, "
+            "angle of repose [deg] or friction (liquid:0.2:0.5).  [default: nothing]",
         ),
         click.option(
             "--truth",

@@ -37,7 +37,7 @@ _KINDS: dict[str, type[_Record]] = {
 
 @dataclass(frozen=True)
 class EarlierStrikes:
-    """Strikes and tosses that were made before a session, from earlier recordings of the same object and plan."""
+    """Strikes and tosses made before a session, from earlier recordings of the same object and plan."""
 
     paths: tuple[str, ...] = ()
     """absolute paths of the recordings"""
@@ -53,7 +53,6 @@ class EarlierStrikes:
         """Ids of the planned strikes that have a good strike."""
         good = Verdict.GOOD.value
         return frozenset(each.plan_strike_id for each in self.strikes if each.verdict_code == good)
-
 
     @property
     def good_tosses(self) -> frozenset[str]:

@@ -2,9 +2,9 @@
 
     ask → record until the object lies still → judge → write → next, or again
 
-Tosses follow the strikes. A toss that cannot be used (too slow, too short, not seen, ...) is repeated until it
-was attempted MAX_ATTEMPTS times; one without a verdict is not. The operator may leave a toss out, or repeat
-the one before.
+Tosses follow the strikes. A toss that cannot be used (too slow, too short, not seen, ...) is repeated until
+it was attempted MAX_ATTEMPTS times; one without a verdict is not. The operator may leave a toss out, or
+repeat the one before.
 """
 
 from __future__ import annotations
@@ -209,8 +209,8 @@ class StrikesAndTosses(SessionMachine):
         self._tossed_before = None if earlier is None else earlier.attempts
         if earlier is not None and only_tosses and not self._open:
             raise SessionError(
-                f"{', '.join(earlier.paths)}: every planned toss was made, and no strike is left: estimate the "
-                "recordings together, or plan more"
+                f"{', '.join(earlier.paths)}: every planned toss was made, and no strike is left: "
+                "estimate the recordings together, or plan more"
             )
         super().__init__(plan, None if only_tosses else target, None if only_tosses else earlier)
         self._only_tosses = only_tosses

@@ -3,10 +3,10 @@
 Each is one point mass that moves inside a convex body K, fixed in the object, under gravity, with friction.
 
 - Liquid with a plane surface: its centroid is a function of the surface's direction alone, and the set of all
-  these places is the boundary of a convex body, as for the centre of buoyancy of a ship (Dupin's theorem). Its
-  lowest point is the centroid at rest. Only a part of the mass follows a fast motion (sloshing.py): it moves
-  on K enlarged by the inverse of its share, so that the centroid of all is right whenever the liquid is level
-  and the first mode has its period.
+  these places is the boundary of a convex body, as for the centre of buoyancy of a ship (Dupin's theorem).
+  Its lowest point is the centroid at rest. Only a part of the mass follows a fast motion (sloshing.py): it
+  moves on K enlarged by the inverse of its share, so that the centroid of all is right whenever the liquid is
+  level and the first mode has its period.
 - Powder: the same, with dry friction of the tangent of its angle of repose, and all of the mass moves.
 - Loose lump: a ball that slides on the walls of the cavity without turning. K is the cavity less the radius.
 
@@ -84,9 +84,11 @@ class Contents:
     """(3,) middle of the cavity [m, in O]"""
     rigid: HiddenBody
     """mass properties of the object without the contents"""
+    seed: int = 0
+    """seed of the places where a lump lies when the object is set down"""
 
     def moving_part(self, down: NDArray[np.float64]) -> MovingPart:
-        """Part of the mass that moves in an object at rest; `down` (3,) is the unit vector of gravity in O."""
+        """Part of the mass that moves; `down` (3,) is the unit vector of gravity in O, before the motion."""
         if self.kind is not ContentsKind.LIQUID:
             return MovingPart(1.0, np.zeros(3))
         depth = float(self.depths[int(np.argmax(self.planes[:, :3] @ down))])
@@ -98,7 +100,9 @@ class Contents:
         ]
         radii = np.linalg.svd(np.array(steps) @ across.T)[1]
         modes = [first_mode(float(np.sqrt(12 * depth * max(radius, 1e-5))), depth) for radius in radii]
-        share, height = (float(np.mean([getattr(each, name) for each in modes])) for name in ("share", "height"))
+        share, height = (
+            float(np.mean([getattr(each, name) for each in modes])) for name in ("share", "height")
+        )
         return MovingPart(share, (0.5 * depth - height) * down)
 
     def lowest(self, down: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -121,7 +125,7 @@ class Contents:
         return float(np.min(gap[towards] / ahead[towards]))
 
 
-def with_contents(virtual_object: VirtualObject, given: GivenContents) -> VirtualObject:
+def with_contents(virtual_object: VirtualObject, given: GivenContents, seed: int = 0) -> VirtualObject:
     """Virtual object with contents that move; its whole mass stays, and what is rigid gets lighter.
 
     The true mass properties become those of all, with the contents at rest in the object as its file has it.
@@ -129,6 +133,7 @@ def with_contents(virtual_object: VirtualObject, given: GivenContents) -> Virtua
     Args:
         virtual_object: object without contents.
         given: kind of the contents, their share of the mass, and what else is stated.
+        seed: seed of the places of a lump.
 
     Raises:
         ConfigError: the shape is hollow, or the contents do not fit in.
@@ -143,7 +148,7 @@ def with_contents(virtual_object: VirtualObject, given: GivenContents) -> Virtua
         planes, depths = _level_planes(cavity, _filled(virtual_object, cavity, given, mass))
         friction, smooth = given.surface_friction, SMOOTH_M
     damping, middle = given.liquid_damping_per_s, cavity.points.mean(axis=0)
-    contents = Contents(given.kind, mass, friction, damping, planes, depths, smooth, middle, rigid)
+    contents = Contents(given.kind, mass, friction, damping, planes, depths, smooth, middle, rigid, seed)
     whole = _joined(rigid, mass, contents.lowest(DOWN))
     return replace(virtual_object, body=whole, contents=contents)
 

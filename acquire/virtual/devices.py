@@ -160,7 +160,7 @@ def _changed(virtual_object: VirtualObject, options: DeviceOptions) -> VirtualOb
         virtual_object = replace(virtual_object, friction=options.friction)
     contents = options.contents or read_given_truth(options.truth_path).contents
     if contents is not None:
-        virtual_object = with_contents(virtual_object, contents)
+        virtual_object = with_contents(virtual_object, contents, options.seed)
     return virtual_object
 
 

@@ -58,7 +58,6 @@ class MovingContents:
         contents: what moves inside; None for a rigid object.
         model: the world's MuJoCo model, with the body of `contents_xml`.
         data: its state.
-        seed: seed of the places of a lump when the object is set down.
     """
 
     def __init__(
@@ -66,12 +65,11 @@ class MovingContents:
         contents: Contents | None,
         model: mujoco.MjModel,
         data: mujoco.MjData,
-        seed: int,
     ) -> None:
         self._contents, self._model, self._data = contents, model, data
-        self._rng = np.random.default_rng((seed, 0x1A51DE))
         if contents is None:
             return
+        self._rng = np.random.default_rng((contents.seed, 0x1A51DE))
         first = model.joint("contents_x")
         self._place = slice(int(first.qposadr[0]), int(first.qposadr[0]) + 3)
         self._speed = slice(int(first.dofadr[0]), int(first.dofadr[0]) + 3)
@@ -128,7 +126,7 @@ class MovingContents:
         self._data.qfrc_applied[self._speed] = 0.0
 
     def _divide(self, contents: Contents, centroid: NDArray[np.float64], part: MovingPart) -> None:
-        """Give the moving mass and the fixed one their parts and places; together they have the centroid (3,)."""
+        """Give moving and fixed mass their parts and places, so that together they have the centroid (3,)."""
         model, rest = self._model, 1 - part.share
         self._share, self._mass = part.share, part.share * contents.mass_kg
         self._base = centroid - part.share * (centroid + part.shift)

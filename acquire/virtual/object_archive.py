@@ -108,6 +108,7 @@ def _contents_arrays(contents: Contents | None) -> dict[str, Any]:
         "inside_planes": contents.planes,
         "inside_depths": contents.depths,
         "inside_middle": contents.middle,
+        "inside_seed": contents.seed,
         "rigid_com": rigid.com_object,
         "rigid_inertia": rigid.inertia_com,
         "rigid_masses": [rigid.mass_kg, *rigid.region_masses],
@@ -119,12 +120,9 @@ def _contents(data: Any) -> Contents:
     mass, *regions = (float(value) for value in data["rigid_masses"])
     plane = (data["plane"][:3], float(data["plane"][3]))
     masses = (regions[0], regions[1], regions[2])
-    rigid = HiddenBody(
-        mass, data["rigid_com"], data["rigid_inertia"], masses, plane, float(data["shell"])
-    )
+    rigid = HiddenBody(mass, data["rigid_com"], data["rigid_inertia"], masses, plane, float(data["shell"]))
     inside, friction, damping, smooth = (float(value) for value in data["inside_numbers"])
     kind = ContentsKind(str(data["inside_kind"]))
     planes, depths = data["inside_planes"], data["inside_depths"]
-    return Contents(
-        kind, inside, friction, damping, planes, depths, smooth, data["inside_middle"], rigid
-    )
+    middle, seed = data["inside_middle"], int(data["inside_seed"])
+    return Contents(kind, inside, friction, damping, planes, depths, smooth, middle, rigid, seed)

@@ -70,7 +70,6 @@ class World:
         table_tilt: (2,) rotation of gravity against the table's normal about W's x and y [rad].
         arm_angle: initial angle of the arm [rad], 0 when it hangs, positive towards W's +x.
         table_restitution: coefficient of restitution of a contact with the table, 0 to 0.9.
-        seed: seed of the places of a loose lump inside the object.
     """
 
     def __init__(
@@ -83,7 +82,6 @@ class World:
         table_tilt: tuple[float, float] = (0.0, 0.0),
         arm_angle: float = -0.5,
         table_restitution: float = 0.0,
-        seed: int = 0,
     ) -> None:
         self._thing = virtual_object
         self._motor = motor
@@ -101,7 +99,7 @@ class World:
         self._push: Push | None = None
         hinge = self._model.joint("arm")
         self._arm_q, self._arm_v = int(hinge.qposadr[0]), int(hinge.dofadr[0])
-        self._inside = MovingContents(virtual_object.contents, self._model, self._data, seed)
+        self._inside = MovingContents(virtual_object.contents, self._model, self._data)
         self._flight = Flight(virtual_object, self._model, self._data, self._inside)
         self._force = np.zeros(6)
         self.time_ns = start_ns

@@ -91,7 +91,7 @@ class WorldProcess:
         self._most_stale_ns = 0
         """the same since the start [ns]"""
         self.world = World(
-            virtual_object, self._torque, clock_ns(), self._log_pose, self._log_contact, table_tilt, seed=seed
+            virtual_object, self._torque, clock_ns(), self._log_pose, self._log_contact, table_tilt
         )
         setting = ArmSetting(virtual_object.arm_inertia_kg_m2, folder, seed, servo)
         self.servo = ARM_DEVICES[striker](self.world, clock_ns, setting)

@@ -82,9 +82,7 @@ def toss_curves(
     )
 
 
-def _seen_attitudes(
-    views: TossViews, camera: CameraModel, tags: TagSet, markers: Sequence[Marker]
-) -> Array:
+def _seen_attitudes(views: TossViews, camera: CameraModel, tags: TagSet, markers: Sequence[Marker]) -> Array:
     """Attitudes (n, 3, 3) of O in W by the largest tag of each frame, without the fit."""
     poses = {marker.id: marker.T_object_marker for marker in markers}
     turns = np.array([_rotation(poses[name]) for name in tags.names])

@@ -79,9 +79,7 @@ def send_toss(
     return TossPage(toss.toss_id, verdict, tuple(0.5 * (low + high)), reach)
 
 
-def _over_image(
-    timelines: Timelines, root: str, zero_ns: int, curves: TossCurves, body: SceneInputs
-) -> None:
+def _over_image(timelines: Timelines, root: str, zero_ns: int, curves: TossCurves, body: SceneInputs) -> None:
     """Object at the fitted pose, and the fitted track of c, as lines over the images."""
     track = overlay.project_to_pixels(body.camera, curves.p_world_com) + 0.5
     track = track[np.all(np.isfinite(track), axis=1)]

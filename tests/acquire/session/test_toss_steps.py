@@ -41,12 +41,9 @@ class Daemon:
                 return self._look()
             case "window.close":
                 return {"start_ns": 0, "end_ns": params.get("end_ns", 0), "frames": 100, "lost": 0}
-            case "watch.judge_toss":
-                return {"verdict": self.verdict}
-            case "prompt":
-                return {"ok": True, "text": "", "order": "skip"}
             case _:
-                return {}
+                prompted = {"ok": True, "text": "", "order": "skip"}
+                return {"watch.judge_toss": {"verdict": self.verdict}, "prompt": prompted}.get(method, {})
 
     def _look(self) -> dict[str, Any]:
         self.looks += 1

@@ -49,7 +49,7 @@ class Held:
             text = text.replace('<freejoint name="object"/>', "")
         self.model = mujoco.MjModel.from_xml_string(text)
         self.data = mujoco.MjData(self.model)
-        self.inside = MovingContents(thing.contents, self.model, self.data, 1)
+        self.inside = MovingContents(thing.contents, self.model, self.data)
         first = self.model.joint("contents_x")
         self.place = slice(int(first.qposadr[0]), int(first.qposadr[0]) + 3)
         self.speed = slice(int(first.dofadr[0]), int(first.dofadr[0]) + 3)

@@ -41,7 +41,7 @@ def rig_evidence(contents: str, seed: int) -> Evidence:
     name = OBJECTS[seed % len(OBJECTS)]
     thing = replace(load_object(name, seed), friction=TABLE.friction)
     if contents != FILLED[0]:
-        thing = with_contents(thing, parse_contents(contents))
+        thing = with_contents(thing, parse_contents(contents), seed)
     rng = np.random.default_rng((0x0217, seed, *contents.encode()))
     session = session_of(thing, TABLE, rng, request=PlanRequest(contents=True))
     if session is None:
