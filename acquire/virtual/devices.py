@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from acquire.errors import ConfigError
-from acquire.virtual.contents import with_contents
 from acquire.virtual.device_kinds import USUAL_KINDS, DeviceKinds
+from acquire.virtual.filled_object import with_contents
 from acquire.virtual.given_contents import GivenContents
 from acquire.virtual.given_truth import read_given_truth
 from acquire.virtual.object_archive import SUFFIX, save_object

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from acquire.virtual.contents import with_contents
+from acquire.virtual.filled_object import with_contents
 from acquire.virtual.given_contents import parse_contents
 from acquire.virtual.objects import load_object
 from analyze.pipeline.evidence import Evidence
