@@ -94,7 +94,7 @@ class Contents:
         if self.smooth_m > 0:
             # The boundary touches each plane at one point; the neighbours' planes give it.
             near = np.argsort(-normals @ down)[:12]
-            return np.linalg.lstsq(normals[near], offsets[near], rcond=None)[0]
+            return np.asarray(np.linalg.lstsq(normals[near], offsets[near], rcond=None)[0], dtype=np.float64)
         return self.middle + self.reach(self.middle, down) * down
 
     def reach(self, place: NDArray[np.float64], direction: NDArray[np.float64]) -> float:
