@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from acquire.demo import DemoPlan
 from acquire.errors import ConfigError
+from acquire.virtual.devices import DeviceOptions, prepare_devices
 from acquire.virtual.filled_object import with_contents
 from acquire.virtual.given_contents import ContentsKind, GivenContents, parse_contents
+from acquire.virtual.given_truth import read_given_truth
 from acquire.virtual.moving_contents import MovingContents
 from acquire.virtual.object_archive import open_object, save_object
 from acquire.virtual.objects import VirtualObject, load_object
@@ -189,6 +192,23 @@ def test_an_archive_keeps_the_contents(tmp_path):
     assert found.contents.lowest(DOWN) == pytest.approx(thing.contents.lowest(DOWN))
     assert found.rigid_body.mass_kg == thing.rigid_body.mass_kg
     assert found.contents.moving_part(DOWN).share == thing.contents.moving_part(DOWN).share
+
+
+def test_a_rig_has_the_contents_and_the_table_that_its_options_give(tmp_path):
+    given = DeviceOptions("carton", 1, "127.0.0.1", contents=parse_contents("liquid:0.2:0.5"), friction=0.3)
+    devices = prepare_devices(given, tmp_path)
+    found = open_object(str(tmp_path / "virtual-object.npz"), 1)
+    assert found.contents is not None
+    assert (found.friction, devices.virtual_object.friction) == (0.3, 0.3)
+    assert "--contents" in DemoPlan().arguments(contents=True)
+    assert "--contents" not in DemoPlan().arguments(contents=False)
+
+
+def test_a_truth_file_states_contents(tmp_path):
+    (tmp_path / "truth.toml").write_text('[truth.contents]\nkind = "lump"\nshare = 0.1\nfriction = 0.15\n')
+    given = read_given_truth(tmp_path / "truth.toml").contents
+    assert given is not None
+    assert (given.kind, given.share, given.lump_friction) == (ContentsKind.LUMP, 0.1, 0.15)
 
 
 @pytest.mark.parametrize(

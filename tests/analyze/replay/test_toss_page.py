@@ -1,4 +1,4 @@
-"""Page of a toss in a replay: flight, angular velocity, residuals; a toss without a flight has its verdict."""
+"""Page of a toss in a replay: flight, angular velocity, residuals; without a flight the verdict alone."""
 
 from __future__ import annotations
 
