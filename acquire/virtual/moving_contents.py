@@ -30,8 +30,8 @@ WALL_DAMPING = 0.7
 CREEP_M_S = 2e-3
 """speed from which dry friction is the full one [m/s]"""
 REST_M_S = 0.03
-"""speed within the object below which contents count as at rest [m/s], if the object does not move: as if
-one waited until a liquid is still, which takes ten seconds"""
+"""speed within the object below which contents count as at rest [m/s]: a liquid needs ten seconds to be
+still"""
 PLACE_SHARE = 0.3
 """largest distance of a lump from the middle when the object is set down, as a share of the way to a wall"""
 

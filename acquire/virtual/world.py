@@ -47,6 +47,8 @@ _NEAR_M = 0.002
 """clearance below which every time step is examined for contact [m]"""
 _REST_SPEED, _REST_RATE, _REST_TICKS = 2e-4, 2e-3, 200
 """an object slower than _REST_SPEED [m/s] and _REST_RATE [rad/s] for _REST_TICKS ms is at rest"""
+_CALM_TICKS = 1000
+"""time for which an object is still before it is at rest although contents move in it [ms]"""
 _CONTACT_GAP_NS = 2_000_000
 """longest time without force within one contact [ns]"""
 _DROP_M = 0.0001
@@ -347,8 +349,8 @@ class World:
     def _update_rest(self, *, near: bool) -> None:
         velocity = self._data.qvel
         slow = np.abs(velocity[0:3]).max() < _REST_SPEED and np.abs(velocity[3:6]).max() < _REST_RATE
-        self._slow_ticks = self._slow_ticks + 1 if slow and self._inside.at_rest and not near else 0
-        if self._slow_ticks >= _REST_TICKS:
+        self._slow_ticks = self._slow_ticks + 1 if slow and not near else 0
+        if self._slow_ticks >= (_REST_TICKS if self._inside.at_rest else _CALM_TICKS):
             self._at_rest = True
             self._gap_at_rest = (0.0, -np.inf)
             self._data.qvel[0:6] = 0.0
