@@ -73,11 +73,9 @@ export function viewFor(snapshot, verdictIsNew) {
 
 function placeSign(prompt) {
   if (prompt.kind === "toss")
-    return {
-      word: prompt.hint?.startsWith("again: ") ? "TOSS AGAIN" : "TOSS",
-      tone: "accent",
-      text: "Hold it as on the card, then press Ready to toss.",
-    };
+    return prompt.hint?.startsWith("again: ")
+      ? { word: "AGAIN", tone: "bad", text: "Hold it as on the card, then press Ready to toss." }
+      : { word: "TOSS", tone: "accent", text: "Hold it as on the card, then press Ready to toss." };
   if (prompt.kind !== "place") return { word: "YOUR TURN", tone: "accent", text: prompt.text };
   if (prompt.hands_off === false && prompt.in_place === true)
     return { word: "HANDS OFF", tone: "wait", text: "The object is in place. Take your hands off it." };
