@@ -361,13 +361,17 @@ def _device_options(options: dict[str, Any]) -> Any:
     from acquire.virtual.device_kinds import DeviceKinds
     from acquire.virtual.devices import DeviceOptions
     from acquire.virtual.gige_sockets import free_address
+    from acquire.virtual.given_contents import parse_contents
 
-    given = {name: options.pop(name) for name in ("object_name", "seed", "address", "truth")}
+    names = ("object_name", "seed", "address", "truth", "contents", "friction")
+    given = {name: options.pop(name) for name in names}
     kinds = {name: options.pop(name) for name in ("camera", "make", "striker", "servo")}
     refuse_truth_of_ours(given["object_name"], given["truth"])
     refuse_other_kind(**kinds)
-    address = given["address"] or free_address()
-    return DeviceOptions(given["object_name"], given["seed"], address, given["truth"], DeviceKinds(**kinds))
+    given["truth_path"], given["address"] = given.pop("truth"), given["address"] or free_address()
+    if given["contents"] is not None:
+        given["contents"] = parse_contents(given["contents"])
+    return DeviceOptions(**given, kinds=DeviceKinds(**kinds))
 
 
 def _socket(rig: Path | None) -> Path:
