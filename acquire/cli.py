@@ -361,15 +361,19 @@ def _device_options(options: dict[str, Any]) -> Any:
     from acquire.virtual.device_kinds import DeviceKinds
     from acquire.virtual.devices import DeviceOptions
     from acquire.virtual.gige_sockets import free_address
+    from acquire.virtual.given_contents import parse_contents
     from acquire.virtual.packaging import Packaging, PrintKind
 
-    given = {name: options.pop(name) for name in ("object_name", "seed", "address", "truth")}
+    names = ("object_name", "seed", "address", "truth", "contents", "friction")
+    given = {name: options.pop(name) for name in names}
     kinds = {name: options.pop(name) for name in ("camera", "make", "striker", "servo")}
     surface = Packaging(PrintKind(options.pop("print_kind")), given["seed"], options.pop("gloss"))
     refuse_truth_of_ours(given["object_name"], given["truth"])
     refuse_other_kind(**kinds)
-    chosen = given["object_name"], given["seed"], given["address"] or free_address(), given["truth"]
-    return DeviceOptions(*chosen, DeviceKinds(**kinds), surface, options.pop("tags"))
+    given["truth_path"], given["address"] = given.pop("truth"), given["address"] or free_address()
+    if given["contents"] is not None:
+        given["contents"] = parse_contents(given["contents"])
+    return DeviceOptions(**given, kinds=DeviceKinds(**kinds), packaging=surface, tags=options.pop("tags"))
 
 
 def _socket(rig: Path | None) -> Path:

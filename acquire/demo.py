@@ -91,11 +91,16 @@ class DemoPlan:
     target: Target | None = None
     """precision at which the session stops itself; None to make every planned strike"""
 
-    def arguments(self) -> list[str]:
-        """Command-line arguments of `analyze plan` for these options."""
+    def arguments(self, *, contents: bool) -> list[str]:
+        """Command-line arguments of `analyze plan` for these options.
+
+        Args:
+            contents: True to plan strikes that test whether anything moves inside.
+        """
         most = [] if self.axes is None else ["--axes", str(self.axes)]
+        test = ["--contents"] if contents else []
         tosses = ["--tosses", str(self.tosses)] if self.tosses else []
-        return ["--strikes", str(self.strikes), *most, "--method", self.method, *tosses]
+        return ["--strikes", str(self.strikes), *most, "--method", self.method, *tosses, *test]
 
 
 def run_demo(
@@ -158,7 +163,7 @@ def _session(
     plan_path, rig_path = folder / "plan.json", folder / "rig.toml"
     progress(f"starting: world{at_most(START_S)}", 0, 1)
     cleanup.enter_context(rig.world(rig_path))
-    planning = cleanup.enter_context(_planning(rig.object_path, plan_path, rig_path, plan))
+    planning = cleanup.enter_context(_planning(rig, plan_path, rig_path, plan))
     progress(f"starting: camera{at_most(START_S)}", 0, 1)
     cleanup.enter_context(rig.camera())
     progress(f"starting: daemon{at_most(START_S + START_TIMEOUT_S)}", 0, 1)
@@ -191,7 +196,7 @@ def _session(
 
 @contextlib.contextmanager
 def _planning(
-    object_path: Path, plan_path: Path, rig_path: Path, plan: DemoPlan
+    rig: Devices, plan_path: Path, rig_path: Path, plan: DemoPlan
 ) -> Iterator[subprocess.Popen[str]]:
     """Context in which `analyze plan` runs while the rig starts; yields the `analyze plan` process.
 
@@ -202,12 +207,12 @@ def _planning(
         "-m",
         "analyze",
         "plan",
-        str(object_path),
+        str(rig.object_path),
         "-o",
         str(plan_path),
         "--rig",
         str(rig_path),
-        *plan.arguments(),
+        *plan.arguments(contents=rig.virtual_object.contents is not None),
     ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:

@@ -13,6 +13,7 @@ from pydantic import Field
 from schemas.document import Document
 from schemas.strike_result import Verdict
 from schemas.tags import MarkerName
+from schemas.toss_result import TossVerdict
 
 
 class SeenMarker(Document):
@@ -82,6 +83,32 @@ class JudgeRequest(Document):
     window_end_ns: _LogTime = 0
     contact_time_ns: _LogTime = 0
     """log time of the contact [ns]; 0 if the striker measured none"""
+
+
+class TossRequest(Document):
+    """Request that a session writes to the standard input of `analyze watch`: judge a toss by its images.
+
+    The answer is a TossJudgement with the same toss_id. Times are log times [ns since 1970].
+    """
+
+    kind: Literal["judge_toss"] = "judge_toss"
+    plan_toss_id: str
+    """id of the toss in the plan"""
+    toss_id: str
+    """id of the attempt in the recording"""
+    window_start_ns: _LogTime
+    window_end_ns: _LogTime
+
+
+class TossJudgement(Document):
+    """Verdict on a toss (good, or a reason why not) with its figures; the answer of `analyze watch`."""
+
+    kind: Literal["toss_verdict"] = "toss_verdict"
+    toss_id: str
+    code: TossVerdict
+    reason: str
+    flight_s: float | None = Field(default=None, description="time in free flight and in view [s]")
+    turns_per_s: float | None = Field(default=None, description="mean spin in turns a second")
 
 
 MAX_CURVE_POINTS = 200

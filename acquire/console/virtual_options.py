@@ -86,6 +86,17 @@ def virtual_options(command: Any) -> Any:
             "--seed", default=1, type=click.IntRange(0), help="Seed of everything random in the virtual rig."
         ),
         click.option(
+            "--friction",
+            type=click.FloatRange(0.05, 2.0),
+            help="Friction between object and table.  [default: by the truth file, or drawn from the seed]",
+        ),
+        click.option(
+            "--contents",
+            metavar="KIND:SHARE[:VALUE]",
+            help="What moves inside: liquid, powder or lump, its share of the mass, and the filled share, "
+            "angle of repose [deg] or friction (liquid:0.2:0.5).  [default: nothing]",
+        ),
+        click.option(
             "--truth",
             type=click.Path(path_type=Path),
             help="Hidden masses of your own object (TOML, table [truth]).  [default: drawn from the seed]",

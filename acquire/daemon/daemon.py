@@ -36,7 +36,7 @@ from acquire.striker.kinds import make_striker
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
 from schemas.rig import RigConfig
-from schemas.watch_lines import AdviceRequest, JudgeRequest, WatchEvent
+from schemas.watch_lines import AdviceRequest, JudgeRequest, TossRequest, WatchEvent
 
 TICK_S = 0.1
 """interval between checks of signals, the parent and the child processes [s]"""
@@ -148,6 +148,7 @@ class Daemon:
             "striker.strike": lambda _, params: self._control.strike(params),
             "watch.expect": self._expect,
             "watch.judge": self._judge,
+            "watch.judge_toss": self._judge_toss,
             "watch.advise": self._advise,
             "prompt": self._prompts.ask,
             "session.report": self._board.report,
@@ -291,6 +292,12 @@ class Daemon:
             watcher.judge(JudgeRequest(kind="judge", **params), timeout) if watcher is not None else None
         )
         self._board.keep_curve(verdict)
+        return {"verdict": verdict.model_dump(mode="json") if verdict else None}
+
+    def _judge_toss(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
+        timeout = float(params.pop("timeout_s", 10.0))
+        watcher, request = self._recording.watcher, TossRequest(**params)
+        verdict = watcher.judge_toss(request, timeout) if watcher is not None else None
         return {"verdict": verdict.model_dump(mode="json") if verdict else None}
 
     def _advise(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:

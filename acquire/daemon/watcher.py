@@ -9,10 +9,12 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from acquire.daemon.line_process import LineProcess
-from schemas.watch_lines import JudgeRequest, StrikeVerdict, WatchEvent
+from schemas.watch_lines import JudgeRequest, StrikeVerdict, TossJudgement, TossRequest, WatchEvent
+
+_Verdict = TypeVar("_Verdict", StrikeVerdict, TossJudgement)
 
 
 class Watcher:
@@ -28,6 +30,7 @@ class Watcher:
         self._on_event = on_event
         self._latest: WatchEvent | None = None
         self._verdicts: dict[str, StrikeVerdict] = {}
+        self._tosses: dict[str, TossJudgement] = {}
         self._changed = threading.Condition()
         self._process = LineProcess(["analyze", "watch", str(recording)], self._take, self._note_end)
 
@@ -64,14 +67,30 @@ class Watcher:
             The verdict; None if the child process ended or does not answer in time.
         """
         self._process.send(request)
+        return self._wait_for(self._verdicts, request.strike_id, timeout_s)
+
+    def judge_toss(self, request: TossRequest, timeout_s: float) -> TossJudgement | None:
+        """Make the child judge a toss from its images, and wait for the verdict.
+
+        Args:
+            request: ids of the toss, and the time span of its images.
+            timeout_s: longest wait [s].
+
+        Returns:
+            The verdict; None if the child process ended or does not answer in time.
+        """
+        self._process.send(request)
+        return self._wait_for(self._tosses, request.toss_id, timeout_s)
+
+    def _wait_for(self, verdicts: dict[str, _Verdict], name: str, timeout_s: float) -> _Verdict | None:
         end = time.monotonic() + timeout_s
         with self._changed:
-            while request.strike_id not in self._verdicts:
+            while name not in verdicts:
                 left = end - time.monotonic()
                 if left <= 0 or not self.alive:
                     return None
                 self._changed.wait(min(left, 0.5))
-            return self._verdicts[request.strike_id]
+            return verdicts[name]
 
     def close(self) -> None:
         """Terminate the child process, which has nothing to save, and end the thread that reads from it."""
@@ -87,6 +106,11 @@ class Watcher:
             verdict = StrikeVerdict.model_validate(data)
             with self._changed:
                 self._verdicts[verdict.strike_id] = verdict
+                self._changed.notify_all()
+        elif data.get("kind") == "toss_verdict":
+            judged = TossJudgement.model_validate(data)
+            with self._changed:
+                self._tosses[judged.toss_id] = judged
                 self._changed.notify_all()
         else:
             self._latest = WatchEvent.model_validate(data)

@@ -10,7 +10,7 @@ from acquire.session.events import (
 )
 from schemas.proto import percuss_pb2 as pb
 from schemas.strike_plan import PlannedStrike, PlannedToss
-from schemas.watch_lines import AdviceRequest, StrikeVerdict
+from schemas.watch_lines import AdviceRequest, StrikeVerdict, TossJudgement
 
 
 @dataclass(frozen=True)
@@ -129,8 +129,8 @@ class RecordToss:
 
 
 @dataclass(frozen=True)
-class WriteToss:
-    """Action: write a message on one toss (its ids and time span) into the recording."""
+class JudgeToss:
+    """Action: ask `analyze watch` for the verdict on a toss."""
 
     toss: PlannedToss
     attempt: int
@@ -138,7 +138,19 @@ class WriteToss:
     recorded: Recorded
 
 
-TossStep = ParkStriker | AskToToss | RecordToss | WriteToss
+@dataclass(frozen=True)
+class WriteToss:
+    """Action: write a message on one toss (ids, time span and verdict) into the recording."""
+
+    toss: PlannedToss
+    attempt: int
+    """number of the attempt, from 1"""
+    recorded: Recorded
+    verdict: TossJudgement | None = None
+    """None if there was no answer in time"""
+
+
+TossStep = ParkStriker | AskToToss | RecordToss | JudgeToss | WriteToss
 """an action of the tosses"""
 
 

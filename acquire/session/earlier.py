@@ -1,4 +1,4 @@
-"""Strikes of earlier recordings of the same plan, with which a session goes on."""
+"""Strikes and tosses of earlier recordings of the same plan, with which a session goes on."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from schemas.mcap.walk import walk
 from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import MANIFEST_NAME, PLAN_ATTACHMENT
 from schemas.strike_result import Verdict
+from schemas.toss_result import TossVerdict
 from schemas.watch_lines import StrikeVerdict
 
 if TYPE_CHECKING:
@@ -26,16 +27,26 @@ if TYPE_CHECKING:
     from schemas.strike_plan import StrikePlan
 
 
+_Record = pb.StrikeRecord | pb.TossRecord
+_KINDS: dict[str, type[_Record]] = {
+    topics.SESSION_STRIKE.name: pb.StrikeRecord,
+    topics.SESSION_TOSS.name: pb.TossRecord,
+}
+"""messages that are read, by topic"""
+
+
 @dataclass(frozen=True)
 class EarlierStrikes:
-    """Strikes that were made before a session, from earlier recordings of the same object and plan."""
+    """Strikes and tosses made before a session, from earlier recordings of the same object and plan."""
 
     paths: tuple[str, ...] = ()
     """absolute paths of the recordings"""
     strikes: tuple[pb.StrikeRecord, ...] = ()
     """records of the strikes, in the order of the recordings"""
     attempts: Counter[str] = field(default_factory=Counter[str])
-    """number of the last attempt, by id of the planned strike"""
+    """number of the last attempt, by id of the planned strike or toss"""
+    tosses: tuple[pb.TossRecord, ...] = ()
+    """records of the tosses, in the order of the recordings"""
 
     @property
     def good(self) -> frozenset[str]:
@@ -43,9 +54,15 @@ class EarlierStrikes:
         good = Verdict.GOOD.value
         return frozenset(each.plan_strike_id for each in self.strikes if each.verdict_code == good)
 
+    @property
+    def good_tosses(self) -> frozenset[str]:
+        """Ids of the planned tosses that have a good toss."""
+        good = TossVerdict.GOOD.value
+        return frozenset(each.plan_toss_id for each in self.tosses if each.verdict_code == good)
+
 
 def read_earlier(paths: Sequence[Path], plan_json: str, plan_path: Path) -> EarlierStrikes:
-    """Read the strikes of earlier recordings, each with the files that continue it.
+    """Read the strikes and tosses of earlier recordings, each with the files that continue it.
 
     Args:
         paths: recordings, each by its first file.
@@ -55,18 +72,23 @@ def read_earlier(paths: Sequence[Path], plan_json: str, plan_path: Path) -> Earl
     Raises:
         SessionError: a file cannot be read, is not finished, or was recorded with another plan.
     """
-    strikes: list[pb.StrikeRecord] = []
+    records: list[_Record] = []
     for path in paths:
         for number in range(1, newest_part(path) + 1):
-            strikes += _read_file(part_path(path, number), plan_json, plan_path)
+            records += _read_file(part_path(path, number), plan_json, plan_path)
+    strikes = tuple(each for each in records if isinstance(each, pb.StrikeRecord))
+    tosses = tuple(each for each in records if isinstance(each, pb.TossRecord))
     attempts: Counter[str] = Counter()
-    for each in strikes:
-        attempts[each.plan_strike_id] = max(attempts[each.plan_strike_id], each.attempt)
-    return EarlierStrikes(tuple(str(path.resolve()) for path in paths), tuple(strikes), attempts)
+    for name, attempt in (
+        *((each.plan_strike_id, each.attempt) for each in strikes),
+        *((each.plan_toss_id, each.attempt) for each in tosses),
+    ):
+        attempts[name] = max(attempts[name], attempt)
+    return EarlierStrikes(tuple(str(path.resolve()) for path in paths), strikes, attempts, tosses)
 
 
-def _read_file(path: Path, plan_json: str, plan_path: Path) -> list[pb.StrikeRecord]:
-    """Strikes in one file of a recording.
+def _read_file(path: Path, plan_json: str, plan_path: Path) -> list[_Record]:
+    """Strikes and tosses in one file of a recording.
 
     Raises:
         SessionError: it cannot be read, is not finished, or was recorded with another plan.
@@ -79,16 +101,16 @@ def _read_file(path: Path, plan_json: str, plan_path: Path) -> list[pb.StrikeRec
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise SessionError(f"{path}: cannot be read: {reason}: check the path given to --resume") from None
-    return _strikes(data, str(path), plan_json, plan_path)
+    return _records_of(data, str(path), plan_json, plan_path)
 
 
-def _strikes(data: memoryview, name: str, plan_json: str, plan_path: Path) -> list[pb.StrikeRecord]:
-    """Strikes in the content of one file of a recording.
+def _records_of(data: memoryview, name: str, plan_json: str, plan_path: Path) -> list[_Record]:
+    """Strikes and tosses in the content of one file of a recording.
 
     Raises:
         SessionError: the content is no recording, is damaged, or was recorded with another plan.
     """
-    found: list[pb.StrikeRecord] = []
+    found: list[_Record] = []
     channels: dict[int, str] = {}
     is_recording = False
     try:
@@ -102,8 +124,9 @@ def _strikes(data: memoryview, name: str, plan_json: str, plan_path: Path) -> li
                 channels[channel.id] = channel.topic
             elif opcode == container.MESSAGE:
                 message = container.parse_message(body)
-                if channels.get(message.channel_id) == topics.SESSION_STRIKE.name:
-                    found.append(pb.StrikeRecord.FromString(bytes(message.data)))
+                kind = _KINDS.get(channels.get(message.channel_id, ""))
+                if kind is not None:
+                    found.append(kind.FromString(bytes(message.data)))
     except ContainerError as error:
         raise SessionError(f"{name}: damaged: {error}: run `acquire recover {name}` first") from None
     if not is_recording:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from schemas.watch_lines import SessionEstimate, StrikeVerdict
+from schemas.watch_lines import SessionEstimate, StrikeVerdict, TossJudgement
 
 
 class Event:
@@ -92,6 +92,14 @@ class Tossed(Event):
     """Event: the recording window of a toss is closed."""
 
     recorded: Recorded
+
+
+@dataclass(frozen=True)
+class TossJudged(Event):
+    """Event: `analyze watch` has judged the toss from its images, or did not answer in time."""
+
+    verdict: TossJudgement | None
+    """None if there was no answer in time"""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any
 
 from acquire.errors import StrikerStopped
 from acquire.session import actions, events, waits
-from schemas.watch_lines import WatchEvent
+from schemas.watch_lines import TossJudgement, WatchEvent
 from schemas.wording import counted
 
 STOPPED = "stopped on request"
@@ -60,6 +60,8 @@ class TossSteps:
                 return self._ask(action)
             case actions.RecordToss():
                 return self._record()
+            case actions.JudgeToss():
+                return self._judge(action)
             case actions.WriteToss():
                 return self._write(action)
 
@@ -109,7 +111,19 @@ class TossSteps:
         start_ns, end_ns, frames, lost = (int(found[key]) for key in ("start_ns", "end_ns", "frames", "lost"))
         return events.Tossed(events.Recorded(start_ns, end_ns, frames, lost))
 
+    def _judge(self, action: actions.JudgeToss) -> events.Event:
+        answer = self._call(
+            "watch.judge_toss",
+            plan_toss_id=action.toss.id,
+            toss_id=f"{action.toss.id}.{action.attempt}",
+            window_start_ns=action.recorded.window_start_ns,
+            window_end_ns=action.recorded.window_end_ns,
+            timeout_s=waits.TOSS_JUDGE_TIMEOUT_S,
+        )["verdict"]
+        return events.TossJudged(TossJudgement.model_validate(answer) if answer else None)
+
     def _write(self, action: actions.WriteToss) -> None:
+        verdict = action.verdict
         toss_id = f"{action.toss.id}.{action.attempt}"
         self._call(
             "recording.toss",
@@ -118,9 +132,12 @@ class TossSteps:
             attempt=action.attempt,
             window_start_ns=action.recorded.window_start_ns,
             window_end_ns=action.recorded.window_end_ns,
+            verdict_code=verdict.code.value if verdict else "",
+            verdict_text=verdict.reason if verdict else "",
         )
         self.kept += 1
-        self._report(f"{toss_id}: tossed, {counted(action.recorded.frames, 'frame')}")
+        outcome = f"{verdict.code.value.replace('_', ' ')}, {verdict.reason}" if verdict else "no verdict"
+        self._report(f"{toss_id}: {outcome}, {counted(action.recorded.frames, 'frame')}")
 
 
 class FlightWatch:

@@ -1,15 +1,16 @@
 """State machine of a session's tosses by hand: events in, actions out, as in `machine.py`.
 
-    ask → record until the object lies still → write → next
+    ask → record until the object lies still → judge → write → next, or again
 
-Tosses follow the strikes. The operator may leave a toss out, or repeat the one before. Whether a toss can be
-used is not judged here.
+Tosses follow the strikes. A toss that cannot be used (too slow, too short, not seen, ...) is repeated until
+it was attempted MAX_ATTEMPTS times; one without a verdict is not. The operator may leave a toss out, or
+repeat the one before.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from acquire.errors import SessionError
 from acquire.session.actions import (
@@ -17,6 +18,7 @@ from acquire.session.actions import (
     Announce,
     AskToToss,
     CloseRecording,
+    JudgeToss,
     ParkStriker,
     RecordToss,
     WriteToss,
@@ -29,14 +31,18 @@ from acquire.session.events import (
     Order,
     Ordered,
     Placed,
+    Recorded,
     Started,
     StopRequested,
     StrikerFailed,
     Tossed,
+    TossJudged,
 )
-from acquire.session.machine import MAX_FAULTS, SessionMachine, State
+from acquire.session.machine import MAX_ATTEMPTS, MAX_FAULTS, SessionMachine, State
 from acquire.session.options import SessionOptions
 from schemas.strike_plan import PlannedToss, StrikePlan
+from schemas.toss_result import TossVerdict
+from schemas.watch_lines import TossJudgement
 
 
 class TossMachine:
@@ -45,14 +51,24 @@ class TossMachine:
     Args:
         tosses: planned tosses, at least one.
         missed: True if the strikes before ended without the session's target.
+        attempts: numbers of the last attempts in earlier recordings, by id of the planned toss.
     """
 
-    def __init__(self, tosses: Sequence[PlannedToss], *, missed: bool = False) -> None:
+    def __init__(
+        self,
+        tosses: Sequence[PlannedToss],
+        *,
+        missed: bool = False,
+        attempts: Mapping[str, int] | None = None,
+    ) -> None:
         self.state = State.PLACING
         self._tosses = tuple(tosses)
         self._missed = missed
         self._index = 0
-        self._attempts = Counter[str]()
+        self._attempts = Counter(attempts or {})
+        self._tries = Counter[str]()
+        """attempts in this session, by id of the planned toss"""
+        self._recorded: Recorded | None = None
         self._last_made: int | None = None
         self._faults = 0
         self.skipped: list[str] = []
@@ -100,14 +116,27 @@ class TossMachine:
             case Ordered(order=order) if self.state is State.PLACING:
                 return self._ordered(order)
             case Tossed(recorded=recorded) if self.state is State.TOSSING:
-                record = WriteToss(self.toss, self.attempt, recorded)
-                self._attempts[self.toss.id] += 1
-                self._last_made = self._index
-                return [record, *self._next()]
+                self.state, self._recorded = State.JUDGING, recorded
+                return [self._announce(), JudgeToss(self.toss, self.attempt, recorded)]
+            case TossJudged(verdict=verdict) if self.state is State.JUDGING:
+                return self._judged(verdict)
             case _:
                 raise ValueError(
                     f"{type(event).__name__} does not belong to state {State.Name(self.state)} of a toss"
                 )
+
+    def _judged(self, verdict: TossJudgement | None) -> list[Action]:
+        """Write a toss's record, and ask for it again or go on to the next one."""
+        assert self._recorded is not None  # noqa: S101 - set on the way into JUDGING
+        record = WriteToss(self.toss, self.attempt, self._recorded, verdict)
+        self._attempts[self.toss.id] += 1
+        self._tries[self.toss.id] += 1
+        self._last_made = self._index
+        good = verdict is None or verdict.code is TossVerdict.GOOD
+        if good or self._tries[self.toss.id] >= MAX_ATTEMPTS:
+            return [record, *self._next()]
+        assert verdict is not None  # noqa: S101 - without one a toss counts as good
+        return [record, *self._ask(f"again: {verdict.reason}")]
 
     def _ordered(self, order: Order) -> list[Action]:
         match order:
@@ -137,7 +166,7 @@ class TossMachine:
         self._faults += 1
         if self._faults > MAX_FAULTS:
             return self.handle(StopRequested(text))
-        if self.state is not State.TOSSING and self._last_made is not None:
+        if self.state is State.PLACING and self._last_made is not None:
             self._index = self._last_made  # its record could not be written
         return [self._announce(text), *self._ask("again: its images were lost")]
 
@@ -155,11 +184,12 @@ class StrikesAndTosses(SessionMachine):
     Args:
         plan: strikes and tosses to carry out.
         target: precision at which the strikes end; None to make every planned strike.
-        earlier: strikes made before, in earlier recordings of the plan.
+        earlier: strikes and tosses made before, in earlier recordings of the plan.
         only_tosses: True to make no strike; so it is if every planned strike was made before.
 
     Raises:
-        SessionError: the plan has no tosses.
+        SessionError: the plan has no tosses, or earlier recordings hold a good one of each, and no strike is
+            left to be made.
     """
 
     def __init__(
@@ -174,6 +204,14 @@ class StrikesAndTosses(SessionMachine):
             raise SessionError("the plan has no tosses: plan them with `analyze plan --tosses 3`")
         made = frozenset[str]() if earlier is None or target is not None else earlier.good
         only_tosses = only_tosses or all(strike.id in made for strike in plan.strikes)
+        tossed = frozenset[str]() if earlier is None else earlier.good_tosses
+        self._open = tuple(toss for toss in plan.tosses if toss.id not in tossed)
+        self._tossed_before = None if earlier is None else earlier.attempts
+        if earlier is not None and only_tosses and not self._open:
+            raise SessionError(
+                f"{', '.join(earlier.paths)}: every planned toss was made, and no strike is left: "
+                "estimate the recordings together, or plan more"
+            )
         super().__init__(plan, None if only_tosses else target, None if only_tosses else earlier)
         self._only_tosses = only_tosses
         self.tosses: TossMachine | None = None
@@ -183,11 +221,13 @@ class StrikesAndTosses(SessionMachine):
     def progress(self) -> tuple[int, int]:
         """Number of strikes and tosses done or skipped, and number of all that are planned."""
         count = len(self.plan.tosses)
-        tossed = 0 if self.tosses is None else self.tosses.done
+        tossed = count - len(self._open) + (0 if self.tosses is None else self.tosses.done)
         if self._only_tosses:
             return tossed, count
         done, total = super().progress
-        return (done, total + count) if self.tosses is None else (total + tossed, total + count)
+        if self.tosses is None and self.state is not State.FINISHED:
+            return done, total + count
+        return total + tossed, total + count
 
     @property
     def skipped(self) -> tuple[str, ...]:
@@ -207,13 +247,13 @@ class StrikesAndTosses(SessionMachine):
             return self._begin_tosses(missed=False)
         found = super().handle(event)
         *before, last = found
-        if isinstance(last, CloseRecording) and not last.aborted:
+        if isinstance(last, CloseRecording) and not last.aborted and self._open:
             # Neither is the end announced, which the action before the last would do.
             return [*before[:-1], *self._begin_tosses(missed=last.missed)]
         return found
 
     def _begin_tosses(self, *, missed: bool) -> list[Action]:
-        self.tosses = TossMachine(self.plan.tosses, missed=missed)
+        self.tosses = TossMachine(self._open, missed=missed, attempts=self._tossed_before)
         return self.tosses.begin()
 
 

@@ -36,6 +36,8 @@ TOSS_TIMEOUT_S = 6.0
 TOSS_LATE_S = 16.0
 """time on the host's clock [s] after which a toss's window is closed in any case; longer than
 TOSS_TIMEOUT_S, because images may arrive late"""
+TOSS_JUDGE_TIMEOUT_S = 30.0
+"""longest wait for the verdict of `analyze watch` on a toss [s], several seconds of images"""
 TOSS_REST_S = 0.5
 """time for which the object lies still after a toss before its window is closed [s]"""
 HOME_TIMEOUT_S = 20.0

@@ -15,6 +15,9 @@ from typing import Any
 
 from acquire.errors import ConfigError
 from acquire.virtual.device_kinds import USUAL_KINDS, DeviceKinds
+from acquire.virtual.filled_object import with_contents
+from acquire.virtual.given_contents import GivenContents
+from acquire.virtual.given_truth import read_given_truth
 from acquire.virtual.object_archive import SUFFIX, save_object
 from acquire.virtual.objects import OBJECT_NAMES, VirtualObject, load_object, without_tags
 from acquire.virtual.own_object import read_own_object
@@ -27,6 +30,10 @@ from acquire.virtual.usb_library import library_environment
 STALL_S = 5.0
 """time without a frame after which a client opens the virtual camera anew [s]: a second is common while the
 computer is busy, and all images that wait to be drawn would be lost"""
+
+
+STATED_FRICTION = 0.9
+"""friction that the rig file states for a slippery table, as a share of the true one"""
 
 
 @dataclass(frozen=True)
@@ -47,11 +54,10 @@ class DeviceOptions:
     """print on the object's faces; in the camera's images only"""
     tags: bool = True
     """False to leave the tags off the object, and out of its object file"""
-
-    @property
-    def is_dressed(self) -> bool:
-        """True if an object that comes with the program looks other than usual."""
-        return not (self.packaging.is_plain and self.tags)
+    contents: GivenContents | None = None
+    """what moves inside the object; None for what the truth file gives, else for nothing"""
+    friction: float | None = None
+    """coefficient of friction between object and table; None for that of the truth file or the seed"""
 
 
 @dataclass(frozen=True)
@@ -103,6 +109,7 @@ class Devices:
         ) as ready:
             thing = self.virtual_object
             sheet = calibration_sheet(self.options.seed, thing.camera_distance_m, thing.arm_inertia_kg_m2)
+            sheet["table_friction"] = min(sheet["table_friction"], round(STATED_FRICTION * thing.friction, 3))
             text = rig_toml(sheet, self.camera_address, ready["port"], self.socket, self.options.kinds)
             if recordings is not None:
                 entry = f"[recorder]\ndirectory = {json.dumps(str(recordings.resolve()))}"
@@ -123,9 +130,8 @@ class Devices:
             yield
 
     def _arguments(self) -> list[str]:
-        name = self.options.object_name
-        if name not in OBJECT_NAMES or self.options.is_dressed:
-            name = str(self.folder / f"virtual-object{SUFFIX}")
+        archive = self.folder / f"virtual-object{SUFFIX}"
+        name = str(archive) if archive.exists() else self.options.object_name
         seed, parent = str(self.options.seed), str(os.getpid())
         return ["--object", name, "--seed", seed, "--dir", str(self.folder), "--parent", parent]
 
@@ -142,27 +148,35 @@ def prepare_devices(options: DeviceOptions, folder: Path) -> Devices:
     """
     refuse_other_address(options.address)
     if options.object_name in OBJECT_NAMES:
-        virtual_object = _dressed(load_object(options.object_name, options.seed), options)
-        object_path = folder / "object.toml"
-        _write_object(virtual_object, object_path)
-        if options.is_dressed:
-            save_object(virtual_object, folder / f"virtual-object{SUFFIX}")
-        return Devices(options, folder, virtual_object, object_path, ())
-    if not options.tags:
+        named, object_path, notes = load_object(options.object_name, options.seed), folder / "object.toml", ()
+    elif options.tags:
+        own = read_own_object(Path(options.object_name), options.seed, options.truth_path, folder)
+        named, object_path, notes = own.virtual, own.object_path, own.notes
+    else:
         raise ConfigError(
             f"{options.object_name}: tags can be left off the objects that come with the program only, with"
             f" --no-tags: choose one of {', '.join(OBJECT_NAMES)}"
         )
-    own = read_own_object(Path(options.object_name), options.seed, options.truth_path, folder)
-    virtual_object = _dressed(own.virtual, options)
-    save_object(virtual_object, folder / f"virtual-object{SUFFIX}")
-    return Devices(options, folder, virtual_object, own.object_path, own.notes)
+    virtual_object = _changed(named, options)
+    if options.object_name in OBJECT_NAMES:
+        _write_object(virtual_object, object_path)
+    if options.object_name not in OBJECT_NAMES or virtual_object is not named:
+        save_object(virtual_object, folder / f"virtual-object{SUFFIX}")
+    return Devices(options, folder, virtual_object, object_path, notes)
 
 
-def _dressed(virtual_object: VirtualObject, options: DeviceOptions) -> VirtualObject:
-    """Object with the print that was chosen, and without its tags if that was."""
-    dressed = replace(virtual_object, packaging=options.packaging)
-    return dressed if options.tags else without_tags(dressed)
+def _changed(virtual_object: VirtualObject, options: DeviceOptions) -> VirtualObject:
+    """Object with print, tags, contents and friction as the options give them; the same if they give none."""
+    if not options.packaging.is_plain:
+        virtual_object = replace(virtual_object, packaging=options.packaging)
+    if not options.tags:
+        virtual_object = without_tags(virtual_object)
+    if options.friction is not None:
+        virtual_object = replace(virtual_object, friction=options.friction)
+    contents = options.contents or read_given_truth(options.truth_path).contents
+    if contents is not None:
+        virtual_object = with_contents(virtual_object, contents, options.seed)
+    return virtual_object
 
 
 def rig_toml(

@@ -23,6 +23,7 @@ from acquire.virtual.world_model import TIMESTEP_S
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from acquire.virtual.moving_contents import MovingContents
     from acquire.virtual.objects import VirtualObject
     from acquire.virtual.toss import TossMotion
 
@@ -43,11 +44,19 @@ class Flight:
         virtual_object: the object.
         model: the world's MuJoCo model.
         data: its state.
+        inside: what moves inside the object.
     """
 
-    def __init__(self, virtual_object: VirtualObject, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        body = virtual_object.body
+    def __init__(
+        self,
+        virtual_object: VirtualObject,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        inside: MovingContents,
+    ) -> None:
+        body = virtual_object.rigid_body
         self._com = np.array(body.com_object)
+        self._whole_com = np.array(virtual_object.body.com_object)
         self._inertia = np.array(body.inertia_com)
         self._inverse = np.linalg.inv(self._inertia)
         self._drag = AirDrag(
@@ -56,7 +65,7 @@ class Flight:
             self._com,
             virtual_object.drag_coefficient,
         )
-        self._model, self._data = model, data
+        self._model, self._data, self._inside = model, data, inside
         self._gravity = np.array(model.opt.gravity)
         self._table_frame = int(model.geom_sameframe[model.geom("table").id])
         self._table, self._object = model.geom("table").id, model.body("object").id
@@ -94,9 +103,10 @@ class Flight:
         self._rising_s = float(motion.velocity_world[2] / -self._gravity[2])
         data = self._data
         x, y, z, w = Rotation.from_matrix(motion.R_world_object).as_quat()
-        data.qpos[0:3] = motion.p_world_com - motion.R_world_object @ self._com
+        data.qpos[0:3] = motion.p_world_com - motion.R_world_object @ self._whole_com
         data.qpos[3:7] = (w, x, y, z)
         data.qvel[0:6] = 0.0
+        self._inside.settle(motion.R_world_object)
         data.qacc_warmstart[:] = 0.0
         mujoco.mj_forward(model, data)
 
@@ -105,7 +115,7 @@ class Flight:
         if self._motion is None:
             return
         turning = self._motion.R_world_object @ self._motion.rate_object
-        arm = self._motion.R_world_object @ self._com
+        arm = self._motion.R_world_object @ self._whole_com
         self._data.qvel[0:3] = self._motion.velocity_world - np.cross(turning, arm)
         self._data.qvel[3:6] = self._motion.rate_object
         self.release_ns = None
@@ -124,7 +134,7 @@ class Flight:
         option.timestep = FREE_STEP_S if free else TIMESTEP_S
         for _ in range(round(duration_s / option.timestep)):
             self._apply_drag(option.timestep)
-            mujoco.mj_step(self._model, self._data)
+            self._inside.step()
 
     def end(self) -> None:
         """Put the table back where it was; without a toss under way nothing happens."""

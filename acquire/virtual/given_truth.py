@@ -9,6 +9,7 @@ from typing import ClassVar
 from pydantic import Field
 
 from acquire.errors import ConfigError
+from acquire.virtual.given_contents import GivenContents
 from schemas.document import Document, DocumentError, Vector3, read_text, validate
 
 
@@ -49,6 +50,9 @@ class GivenTruth(Document):
         default=None, description="offset of that plane along its normal from O's origin, in metres"
     )
     lump: list[TruthLump] = Field(default=[], description="balls of mass inside")
+    contents: GivenContents | None = Field(
+        default=None, description="table [truth.contents]: what moves inside; left out: nothing"
+    )
     edge_radius_m: float | None = Field(
         default=None, ge=0, le=0.1, description="radius of the rounding of all edges, in metres"
     )

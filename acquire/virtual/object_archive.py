@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from acquire.errors import AcquireError
+from acquire.virtual.contents import Contents
 from acquire.virtual.convex_parts import ConvexParts
+from acquire.virtual.given_contents import ContentsKind
 from acquire.virtual.hidden import HiddenBody
 from acquire.virtual.objects import OBJECT_NAMES, VirtualObject, load_object
 from acquire.virtual.packaging import Packaging, PrintKind
@@ -45,6 +48,7 @@ def save_object(virtual_object: VirtualObject, path: Path) -> None:
         print_kind=virtual_object.packaging.kind.value,
         print_seed=virtual_object.packaging.seed,
         glossy=virtual_object.packaging.glossy,
+        **_contents_arrays(virtual_object.contents),
     )
 
 
@@ -96,4 +100,36 @@ def open_object(name: str, seed: int) -> VirtualObject:
             packaging=Packaging(
                 PrintKind(str(data["print_kind"])), int(data["print_seed"]), bool(data["glossy"])
             ),
+            contents=_contents(data) if "inside_kind" in data else None,
         )
+
+
+def _contents_arrays(contents: Contents | None) -> dict[str, Any]:
+    """Arrays of a file that hold what moves inside an object; none for a rigid one."""
+    if contents is None:
+        return {}
+    rigid = contents.rigid
+    return {
+        "inside_kind": contents.kind.value,
+        "inside_numbers": [contents.mass_kg, contents.friction, contents.damping_per_s, contents.smooth_m],
+        "inside_planes": contents.planes,
+        "inside_depths": contents.depths,
+        "inside_middle": contents.middle,
+        "inside_seed": contents.seed,
+        "rigid_com": rigid.com_object,
+        "rigid_inertia": rigid.inertia_com,
+        "rigid_masses": [rigid.mass_kg, *rigid.region_masses],
+    }
+
+
+def _contents(data: Any) -> Contents:
+    """What moves inside an object, from the arrays of a file."""
+    mass, *regions = (float(value) for value in data["rigid_masses"])
+    plane = (data["plane"][:3], float(data["plane"][3]))
+    masses = (regions[0], regions[1], regions[2])
+    rigid = HiddenBody(mass, data["rigid_com"], data["rigid_inertia"], masses, plane, float(data["shell"]))
+    inside, friction, damping, smooth = (float(value) for value in data["inside_numbers"])
+    kind = ContentsKind(str(data["inside_kind"]))
+    planes, depths = data["inside_planes"], data["inside_depths"]
+    middle, seed = data["inside_middle"], int(data["inside_seed"])
+    return Contents(kind, inside, friction, damping, planes, depths, smooth, middle, rigid, seed)

@@ -28,6 +28,8 @@ from schemas.object_spec import ObjectSpec, parse_object_spec
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from acquire.virtual.contents import Contents
+
 OBJECT_NAMES = ("carton", "spray", "juice", "salt", "parcel")
 
 
@@ -110,7 +112,8 @@ class VirtualObject:
     friction: float
     """coefficient of friction between object and table"""
     body: HiddenBody
-    """true mass properties, hidden from the estimators"""
+    """true mass properties, hidden from the estimators; of an object with contents that move, those of all,
+    with the contents at rest in the object as its file has it"""
     drawn_parts: ConvexParts | None = None
     """parts that the camera's images show; None to draw the surface mesh, split along its concave edges"""
     camera_distance_m: float = DISTANCE_M
@@ -121,6 +124,13 @@ class VirtualObject:
     """coefficient of the air's pressure on the object's faces in a toss"""
     packaging: Packaging = BLANK
     """print on the faces; in the camera's images only"""
+    contents: Contents | None = None
+    """what moves inside; None for a rigid object"""
+
+    @property
+    def rigid_body(self) -> HiddenBody:
+        """Mass properties of all that does not move inside the object."""
+        return self.body if self.contents is None else self.contents.rigid
 
 
 def load_object(name: str, seed: int) -> VirtualObject:

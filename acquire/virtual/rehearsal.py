@@ -130,6 +130,7 @@ def _instructions(devices: Devices, object_path: Path, rig_path: Path, port: str
     """Lines for the user: what runs, and which commands rehearse a session."""
     rig, thing = shlex.quote(str(rig_path)), shlex.quote(str(object_path))
     folder = rig_path.parent
+    test = " --contents" if devices.virtual_object.contents is not None else ""
     plan, recording = (shlex.quote(str(folder / name)) for name in ("plan.json", "session.mcap"))
     return [
         *(f"note: {note}" for note in devices.notes),
@@ -139,7 +140,7 @@ def _instructions(devices: Devices, object_path: Path, rig_path: Path, port: str
         *(f"  export {name}={shlex.quote(value)}" for name, value in devices.environment.items()),
         f"  acquire check {rig}",
         f"  acquire run {rig}",
-        f"  analyze plan {thing} --rig {rig} --strikes 3 -o {plan}",
+        f"  analyze plan {thing} --rig {rig} --strikes 3{test} -o {plan}",
         f"  acquire session {thing} {plan} --rig {rig} -o {recording}",
         f"  acquire status --rig {rig}",
         f"  acquire stop --rig {rig}              # the arm; with --daemon, the daemon too",

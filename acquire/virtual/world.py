@@ -25,6 +25,7 @@ from scipy.spatial.transform import Rotation
 from acquire.errors import AcquireError
 from acquire.virtual.contact_shape import contact_centres
 from acquire.virtual.flight import Flight
+from acquire.virtual.moving_contents import MovingContents
 from acquire.virtual.station import ARM_LENGTH_M, G_M_S2, TIP_RADIUS_M
 from acquire.virtual.world_contact import OpenContact, Push
 from acquire.virtual.world_model import ARM_DAMPING, ARM_MASS_KG, TIMESTEP_S, model_xml
@@ -46,6 +47,8 @@ _NEAR_M = 0.002
 """clearance below which every time step is examined for contact [m]"""
 _REST_SPEED, _REST_RATE, _REST_TICKS = 2e-4, 2e-3, 200
 """an object slower than _REST_SPEED [m/s] and _REST_RATE [rad/s] for _REST_TICKS ms is at rest"""
+_CALM_TICKS = 1000
+"""time for which an object is still before it is at rest although contents move in it [ms]"""
 _CONTACT_GAP_NS = 2_000_000
 """longest time without force within one contact [ns]"""
 _DROP_M = 0.0001
@@ -96,7 +99,10 @@ class World:
         self._object_body = self._model.body("object").id
         self._tip = self._model.geom("tip").id
         self._push: Push | None = None
-        self._flight = Flight(virtual_object, self._model, self._data)
+        hinge = self._model.joint("arm")
+        self._arm_q, self._arm_v = int(hinge.qposadr[0]), int(hinge.dofadr[0])
+        self._inside = MovingContents(virtual_object.contents, self._model, self._data)
+        self._flight = Flight(virtual_object, self._model, self._data, self._inside)
         self._force = np.zeros(6)
         self.time_ns = start_ns
         self._at_rest = False
@@ -104,7 +110,7 @@ class World:
         self._contact: OpenContact | None = None
         self._gap_at_rest = (0.0, -np.inf)
         self._arm_gravity = float(-gravity[2]) * ARM_MASS_KG * ARM_LENGTH_M / 2
-        self._data.qpos[7] = arm_angle
+        self._data.qpos[self._arm_q] = arm_angle
         low = self._thing.hull_vertices.min(axis=0)
         self.place(np.eye(3), -np.array([0.0, 0.0, low[2]]), np.array([low[0], 0.0, -0.5 * low[2]]))
 
@@ -144,6 +150,7 @@ class World:
         data.qpos[2] = _DROP_M - lowest
         data.qpos[3:7] = (w, x, y, z)
         data.qvel[0:6] = 0.0
+        self._inside.settle(R)
         data.qacc_warmstart[:] = 0.0
         hinge = np.asarray(impact_point_world, dtype=float) + np.array([-TIP_RADIUS_M, 0.0, ARM_LENGTH_M])
         self._model.body_pos[self._arm_body] = hinge
@@ -223,7 +230,7 @@ class World:
 
     def arm(self) -> tuple[float, float]:
         """Arm's angle [rad], 0 hanging, positive towards the world's +x, and its angular velocity [rad/s]."""
-        return float(self._qpos[7]), float(self._qvel[6])
+        return float(self._qpos[self._arm_q]), float(self._qvel[self._arm_v])
 
     def state(self) -> WorldState:
         """State of object and arm at the end of the last step; its arrays are copies."""
@@ -234,8 +241,7 @@ class World:
             q,
             self._qvel[0:3].copy(),
             _rotate(q, self._qvel[3:6]),
-            float(self._qpos[7]),
-            float(self._qvel[6]),
+            *self.arm(),
             self._model.body_pos[self._arm_body].copy(),
             self._at_rest,
         )
@@ -269,17 +275,17 @@ class World:
         near = self._model.geom_contype[self._tip] == 2 and clearance < reach
         pushed = self._apply_push()
         if self._at_rest and not near and not pushed:
-            self._gap_at_rest = (float(self._qpos[7]), clearance)
+            self._gap_at_rest = (float(self._qpos[self._arm_q]), clearance)
             self._swing(torque)
             return
         self._at_rest = False
-        data.qfrc_applied[6] = torque
+        data.qfrc_applied[self._arm_v] = torque
         if near:
             for i in range(_SUBSTEPS):
-                mujoco.mj_step(self._model, data)
+                self._inside.step()
                 self._accumulate_contact(self.time_ns + (i + 1) * (TICK_NS // _SUBSTEPS))
         else:
-            mujoco.mj_step(self._model, data, nstep=_SUBSTEPS)
+            self._inside.step(_SUBSTEPS)
         self._update_rest(near=near or pushed)
 
     def _tick_toss(self, torque: float) -> None:
@@ -290,7 +296,7 @@ class World:
         if self._at_rest:
             self._swing(torque)
             return
-        self._data.qfrc_applied[6] = torque
+        self._data.qfrc_applied[self._arm_v] = torque
         self._flight.step(TICK_NS * 1e-9)
         self._update_rest(near=False)
 
@@ -327,14 +333,14 @@ class World:
                 1 + TIMESTEP_S * ARM_DAMPING / self._thing.arm_inertia_kg_m2
             )
             angle += TIMESTEP_S * velocity
-        self._qpos[7], self._qvel[6] = angle, velocity
+        self._qpos[self._arm_q], self._qvel[self._arm_v] = angle, velocity
 
     def _clearance(self) -> float:
         """Lower bound of the gap [m] between the sphere of the arm's tip and the object's convex hull.
 
         Negative if they overlap.
         """
-        angle = float(self._qpos[7])
+        angle = float(self._qpos[self._arm_q])
         hanging = np.array([math.sin(angle), 0.0, -math.cos(angle)])
         centre = self._model.body_pos[self._arm_body] + ARM_LENGTH_M * hanging
         in_object = _rotate(self._qpos[3:7] * (1, -1, -1, -1), centre - self._qpos[0:3])
@@ -344,10 +350,11 @@ class World:
         velocity = self._data.qvel
         slow = np.abs(velocity[0:3]).max() < _REST_SPEED and np.abs(velocity[3:6]).max() < _REST_RATE
         self._slow_ticks = self._slow_ticks + 1 if slow and not near else 0
-        if self._slow_ticks >= _REST_TICKS:
+        if self._slow_ticks >= (_REST_TICKS if self._inside.at_rest else _CALM_TICKS):
             self._at_rest = True
             self._gap_at_rest = (0.0, -np.inf)
             self._data.qvel[0:6] = 0.0
+            self._inside.stop()
 
     def _accumulate_contact(self, now_ns: int) -> None:
         """Add the impulse of the striker tip's normal force in one time step to the contact's total impulse.
@@ -375,7 +382,7 @@ class World:
         covers the penetration at the step's begin. `distance` is the signed gap [m] between tip and object at
         the step's begin, negative where they overlap.
         """
-        speed = ARM_LENGTH_M * abs(float(self._qvel[6]))
+        speed = ARM_LENGTH_M * abs(float(self._qvel[self._arm_v]))
         return round(1e9 * (TIMESTEP_S + min(TIMESTEP_S, -distance / speed if speed > 0 else 0.0)))
 
     def _close_contact(self) -> None:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from acquire.virtual.contact_shape import contact_centres
+from acquire.virtual.moving_contents import contents_xml
 from acquire.virtual.station import ARM_LENGTH_M, TIP_RADIUS_M
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def model_xml(
             table is tilted.
         restitution: coefficient of restitution of a contact with the table, 0 to 0.9.
     """
-    body = virtual_object.body
+    body = virtual_object.rigid_body
     I = body.inertia_com  # noqa: E741 - the field's name
     inertia = _numbers([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]])
     friction = f'friction="{virtual_object.friction:.9g} 0.005 0.0001"'
@@ -89,6 +90,7 @@ def model_xml(
 <inertial pos="{_numbers(body.com_object)}" mass="{body.mass_kg:.12g}" fullinertia="{inertia}"/>
 {spheres}
 {shapes}
+{contents_xml(virtual_object.contents)}
 </body>
 <body name="arm" pos="0 0 1">
 <joint name="arm" type="hinge" axis="0 -1 0" armature="{arm_armature:.9g}" damping="{ARM_DAMPING}"/>

@@ -50,7 +50,8 @@ class HullPanels:
         """Air's load on the body with the centre of mass `com` (3,) [m, in O] and a mass [kg]."""
         arms = self.points - com
         wrench = np.hstack([self.normals, cross(arms, self.normals)])
-        return AirLoad(arms, wrench, (-0.5 * AIR_DENSITY / mass) * self.areas, self.oblique)
+        pressed = (-0.5 * AIR_DENSITY / mass) * self.areas[:, None] * wrench
+        return AirLoad(arms, wrench, pressed, self.oblique)
 
 
 @dataclass(frozen=True)
@@ -61,20 +62,21 @@ class AirLoad:
     """(p, 3) panels' centres seen from c [m, in O]"""
     wrench: Array
     """(p, 6) panels' normals, and the moments of a force of 1 along each about c"""
-    scale: Array
-    """(p,) factor of the panels' pressures [kg/m per kg of the body]"""
+    pressed: Array
+    """(p, 6) force and moment of each panel at 1 m/s against the air, per kilogram of the body"""
     oblique: bool
     """True for the second law, by which the air presses more on panels that move obliquely"""
 
     def __call__(self, motion: Array | tuple[float, ...]) -> Array:
         """Force and moment (..., 6) at velocities of c and angular velocities (..., 6) in O [m/s, rad/s]."""
         motion = np.asarray(motion)
-        against = np.maximum(motion @ self.wrench.T, 0.0)
-        speed = against
-        if self.oblique:
-            moved = motion[..., None, :3] + cross(motion[..., None, 3:], self.arms)
-            speed = np.sqrt(np.sum(moved**2, axis=-1))
-        return (self.scale * against * speed) @ self.wrench
+        against = motion @ self.wrench.T
+        np.maximum(against, 0.0, out=against)
+        if not self.oblique:
+            against *= against
+            return against @ self.pressed
+        moved = motion[..., None, :3] + cross(motion[..., None, 3:], self.arms)
+        return (against * np.sqrt(np.sum(moved**2, axis=-1))) @ self.pressed
 
 
 def hull_panels(hull_vertices: Array) -> HullPanels:

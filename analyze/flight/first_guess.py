@@ -12,6 +12,7 @@ import numpy as np
 from analyze.flight.flight_model import FlightModel, TossStart
 from analyze.flight.toss_fit import fit_tosses
 from analyze.geometry.rotations import matrix_from_vector, nearest_rotation, vector_from_matrix
+from analyze.least_squares.levenberg_marquardt import Ending
 
 if TYPE_CHECKING:
     from analyze.flight.flight_model import ThrownBody
@@ -26,10 +27,8 @@ _APART_S = 0.006
 """least time between frames from whose poses the spin is taken [s]"""
 _FITTED_GUESSES = 2
 """number of the best guesses that are fitted"""
-_MAX_STEPS = 12
-"""number of steps after which the fit to a guess ends"""
-_LEAST_GAIN = 1.0
-"""decrease of chi^2 in a step below which it ends as well"""
+_ENDING = Ending(max_steps=12, least_gain=1.0)
+"""when the fit to a guess ends"""
 _GOOD_PX = 0.5
 """rms residual of a fit to a guess [px] below which no further guess is fitted"""
 _CLIP_PX = 40.0
@@ -95,7 +94,7 @@ def first_fit(
     fits: list[TossFit] = []
     for _, start in best:
         toss = [(views, start)]
-        fits.append(fit_tosses(body, prior, camera, tags, toss, max_steps=_MAX_STEPS, least_gain=_LEAST_GAIN))
+        fits.append(fit_tosses(body, prior, camera, tags, toss, ending=_ENDING))
         if float(np.sqrt(np.mean(fits[-1].residual ** 2))) < _GOOD_PX:
             break
     return min(fits, key=lambda fit: fit.cost)

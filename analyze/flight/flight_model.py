@@ -14,14 +14,16 @@ air's moment knows, is taken from the shape. Frames: O (object), W (world), C (c
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from analyze.flight.air_drag import AIR_DENSITY, HullPanels
+from analyze.flight.attitude import cross
 from analyze.flight.tumbling import STEP, Air, tumble
 from analyze.geometry.rotations import hat, matrix_from_vector, matrix_from_wxyz, wxyz_from_matrix
 from analyze.geometry.second_moments import unit_inertia, with_size
@@ -46,6 +48,10 @@ TURN, SPIN, PLACE, VELOCITY = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12
 velocity [rad/s, in O], place of c [m, in W] and its velocity [m/s, in W]"""
 TOSS_TERMS = 12
 """number of a toss's own unknowns"""
+_DRAG_STEPS, _DRAG_POWERS = 15, 5
+"""steps of the integration of a flight's slowing, and number of powers of its polynomial in time"""
+_INTO_POWERS = np.linalg.pinv(np.linspace(0.0, 1.0, _DRAG_STEPS + 1)[:, None] ** np.arange(_DRAG_POWERS))
+"""(powers, steps + 1) least-squares coefficients of the polynomial from its values over a flight"""
 
 
 @dataclass(frozen=True)
@@ -151,12 +157,24 @@ def _path(
     """
     R = matrix_from_wxyz(attitudes)
     in_object = np.einsum("nji,nj->ni", R, air.velocity(time))
-    force = air.load(np.hstack([in_object, spin]))[:, :3]
-    slowing = CubicSpline(time, np.nan_to_num(np.einsum("nij,nj->ni", R, force))).antiderivative()
-    drag = slowing.antiderivative()(time)
+    force = np.einsum("nij,nj->ni", R, air.load(np.hstack([in_object, spin]))[:, :3])
+    once, twice = _integrals(time.tobytes())
+    drag = twice @ force
     place = own[PLACE] + np.outer(time, own[VELOCITY]) + 0.5 * np.outer(time**2, shared[GRAVITY])
-    speed = own[VELOCITY] + np.outer(time, shared[GRAVITY]) + shared[DRAG][0] * slowing(time)
+    speed = own[VELOCITY] + np.outer(time, shared[GRAVITY]) + shared[DRAG][0] * (once @ force)
     return FlightPath(R, spin, place + shared[DRAG][0] * drag, speed, turns, drag)
+
+
+@lru_cache(maxsize=16)
+def _integrals(key: bytes) -> tuple[Array, Array]:
+    """Matrices (n, n) that integrate the cubic spline through values at n times once and twice.
+
+    Args:
+        key: bytes of the times (n,) [s]; a fit asks for those of its tosses at every step.
+    """
+    time = np.frombuffer(key)
+    once = CubicSpline(time, np.eye(len(time))).antiderivative()
+    return once(time), once.antiderivative()(time)
 
 
 def _slowed(body: ThrownBody, shared: Array, own: Array, ends: Array) -> Callable[[int, Array], Array]:
@@ -173,22 +191,29 @@ def _slowed(body: ThrownBody, shared: Array, own: Array, ends: Array) -> Callabl
     Returns:
         Function from the number of a toss and times (n,) [s] to velocities (n, 3).
     """
-    slowing = 0.25 * AIR_DENSITY * shared[DRAG][0] * body.panels.mean_shadow / body.mass
-    step = ends[:, None] / 15.0
-
-    def change(v: Array) -> Array:
-        return shared[GRAVITY] - slowing * np.linalg.norm(v, axis=1, keepdims=True) * v
-
-    path = [own[:, VELOCITY]]
-    for _ in range(15):
-        path.append(path[-1] + step * change(path[-1] + 0.5 * step * change(path[-1])))
-    # A polynomial in the share of the flight.
-    share = np.linspace(0.0, 1.0, 16)
-    powers = np.linalg.lstsq(share[:, None] ** np.arange(5), np.array(path).reshape(16, -1), rcond=None)[0]
-    powers = powers.reshape(5, len(own), 3)
+    slowing = 0.25 * AIR_DENSITY * float(shared[DRAG][0]) * body.panels.mean_shadow / body.mass
+    gx, gy, gz = shared[GRAVITY].tolist()
+    powers = np.empty((_DRAG_POWERS, len(own), 3))
+    for toss, end in enumerate(ends.tolist()):
+        step = end / _DRAG_STEPS
+        x, y, z = own[toss, VELOCITY].tolist()
+        path = [(x, y, z)]
+        for _ in range(_DRAG_STEPS):
+            factor = slowing * math.hypot(x, y, z)
+            a, b, c = (
+                x + 0.5 * step * (gx - factor * x),
+                y + 0.5 * step * (gy - factor * y),
+                z + 0.5 * step * (gz - factor * z),
+            )
+            factor = slowing * math.hypot(a, b, c)
+            x += step * (gx - factor * a)
+            y += step * (gy - factor * b)
+            z += step * (gz - factor * c)
+            path.append((x, y, z))
+        powers[:, toss] = _INTO_POWERS @ np.array(path)
 
     def at(toss: int, t: Array) -> Array:
-        return (t / ends[toss])[:, None] ** np.arange(5) @ powers[:, toss]
+        return (t / ends[toss])[:, None] ** np.arange(_DRAG_POWERS) @ powers[:, toss]
 
     return at
 
@@ -197,6 +222,7 @@ class FlightModel:
     """Expected corners of all tosses' views, in order, and their derivatives by all unknowns.
 
     The unknowns x (count,) are those of the body and the tags, `FIRST_TAG` + 6 per tag, then 12 per toss.
+    The newest result is kept, as a fit begins where the model was asked before.
 
     Args:
         body: hull, mass and size of the body.
@@ -218,6 +244,7 @@ class FlightModel:
         self.shared = FIRST_TAG + TAG_TERMS * len(tags.names)
         self.count = self.shared + TOSS_TERMS * len(tosses)
         self.camera = camera
+        self._newest: tuple[Array, tuple[Array, Array]] | None = None
 
     def own(self, toss: int) -> slice:
         """Places of a toss's own unknowns among all, by its number."""
@@ -240,6 +267,11 @@ class FlightModel:
 
     def __call__(self, x: Array) -> tuple[Array, Array]:
         """Expected corners (rows,) [ideal px] and derivatives (rows, count); a view has 8 rows, x and y."""
+        if self._newest is None or not np.array_equal(self._newest[0], x):
+            self._newest = x.copy(), self._computed(x)
+        return self._newest[1]
+
+    def _computed(self, x: Array) -> tuple[Array, Array]:
         expected: list[Array] = []
         derivatives: list[Array] = []
         # A step too far gives no finite corners, and the fit takes it back.
@@ -254,9 +286,9 @@ class FlightModel:
         views, _ = self.tosses[number]
         R_camera_world, p_camera_world = world_to_camera(self.camera)
         time = views.seconds[views.frame]
-        corners = self.corners(x)[views.tag]
+        corners = self.corners(x)
         R = path.R_world_object[views.frame]
-        arms = np.einsum("mij,mcj->mci", R, corners - x[COM])
+        arms = np.einsum("mij,mcj->mci", R, corners[views.tag] - x[COM])
         velocity, acceleration = _of_corners(path, views, arms, x[GRAVITY])
         late = (x[LINE_TIME] * views.rows)[..., None]
         moved = arms + late * velocity + 0.5 * late**2 * acceleration
@@ -264,7 +296,7 @@ class FlightModel:
         pixels = project_ideal(self.camera, in_camera)
         into = np.einsum("mcij,jk->mcik", project_jacobian(self.camera, in_camera), R_camera_world)
         by = np.zeros((*pixels.shape, self.count))
-        by_turn = -np.einsum("mcij,mcjk->mcik", into, hat(arms))
+        by_turn = cross(arms[:, :, None, :], into)
         own = self.own(number)
         by[..., own][..., TURN] = by_turn @ _left_jacobian(x[own][TURN])
         by[..., own][..., PLACE] = into
@@ -282,20 +314,18 @@ class FlightModel:
         )
         by[..., PRESSURE] = numeric[..., 9:]
         by[..., COM] = -numeric[..., 9:] - into_object
-        self._by_tags(x, views.tag, into_object, by)
+        self._by_tags(x, corners, views.tag, into_object, by)
         return pixels.ravel(), by.reshape(-1, self.count)
 
-    def _by_tags(self, x: Array, tag: IntArray, into_object: Array, by: Array) -> None:
+    def _by_tags(self, x: Array, corners: Array, tag: IntArray, into_object: Array, by: Array) -> None:
         """Fill in the derivatives (m, 4, 2, count) of the views' corners by the tags' size, place, turn."""
         terms = x[FIRST_TAG : self.shared].reshape(-1, TAG_TERMS)
-        arms = self.corners(x) - self.tags.centres[:, None, :] - terms[:, None, :3]
-        by[..., TAG_SIZE] = np.einsum("mcij,mcj->mci", into_object, arms[tag]) / x[TAG_SIZE]
-        for number in range(len(self.tags.names)):
-            seen = tag == number
-            first = FIRST_TAG + TAG_TERMS * number
-            by[seen, ..., first : first + 3] = into_object[seen]
-            turn = -np.einsum("mcij,cjk->mcik", into_object[seen], hat(arms[number]))
-            by[seen, ..., first + 3 : first + 6] = turn @ _left_jacobian(terms[number, 3:])
+        arms = (corners - self.tags.centres[:, None, :] - terms[:, None, :3])[tag]
+        by[..., TAG_SIZE] = np.einsum("mcij,mcj->mci", into_object, arms) / x[TAG_SIZE]
+        turn = cross(arms[:, :, None, :], into_object) @ _left_jacobian(terms[:, 3:])[tag, None]
+        places = FIRST_TAG + TAG_TERMS * tag[:, None] + np.arange(TAG_TERMS)
+        moved = np.concatenate([into_object, turn], axis=-1)
+        by[np.arange(len(tag))[:, None], :, :, places] = moved.transpose(0, 3, 1, 2)
 
 
 def _of_corners(path: FlightPath, views: TossViews, arms: Array, gravity: Array) -> tuple[Array, Array]:
@@ -312,12 +342,15 @@ def _of_corners(path: FlightPath, views: TossViews, arms: Array, gravity: Array)
     rate = np.einsum("nij,nj->ni", path.R_world_object, path.spin)
     change = np.gradient(rate, views.seconds, axis=0)[views.frame][:, None, :]
     rate = rate[views.frame][:, None, :]
-    turning = np.cross(rate, arms)
+    turning = cross(rate, arms)
     velocity = path.velocity[views.frame][:, None, :] + turning
-    return velocity, gravity + np.cross(rate, turning) + np.cross(change, arms)
+    return velocity, gravity + cross(rate, turning) + cross(change, arms)
 
 
 def _left_jacobian(vector: Array) -> Array:
-    """Turn (3, 3) in the fixed frame per change of a small rotation vector (3,) [rad], to second order."""
+    """Turns (..., 3, 3) in the fixed frame per change of small rotation vectors (..., 3) [rad].
+
+    They are exact to second order.
+    """
     K = hat(vector)
     return np.eye(3) + 0.5 * K + K @ K / 6.0

@@ -13,9 +13,10 @@ import numpy as np
 
 from analyze.flight.first_guess import body_poses, first_fit
 from analyze.flight.flight_model import GRAVITY, SHAPE, FlightModel, TossStart
-from analyze.flight.toss_fit import FlightPrior, TossFit, fit_tosses
+from analyze.flight.toss_fit import FlightPrior, TossFit, fit_model, fit_tosses
 from analyze.geometry.rotations import matrix_from_vector
 from analyze.geometry.second_moments import unit_inertia, with_size
+from analyze.least_squares.levenberg_marquardt import Ending
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -41,6 +42,9 @@ _END_RATIO = 3.0
 _CORE_FRAMES, _CORE_S = 16, 0.13
 """number of frames that are fitted at first, and added at most at once, and the time that they cover where
 that takes more"""
+_LATE_FRAMES = 4
+"""number of later frames that are added at most at once to a flight that has all earlier ones: most often
+there are none"""
 _MAX_CORES = 6
 """largest number of places where first frames are tried, half of them apart, from the middle of the stretch
 outwards"""
@@ -49,10 +53,15 @@ _GOOD_CORE, _MAX_CORE_PX = 2.5, 1.0
 the best place [px]"""
 _MAX_GROWTH = 1.6
 """largest growth of the rms residual by frames that are added"""
+_ENDING = Ending(max_steps=25, least_gain=0.1, damping_kept=2)
+"""when the fit to a whole flight ends: the fit of all tosses begins from it"""
 _MAX_STEPS = 6
 """number of steps after which the fit to a flight that grows ends"""
-_LEAST_GAIN = 1.0
-"""decrease of chi^2 in a step below which it ends as well"""
+_LEAST_GAIN = 0.01
+"""decrease of chi^2 in a step, as a fraction of what is usual, below which it ends as well"""
+_HALVED_ABOVE = 3.0
+"""chi^2, over what is usual, above which the first step to further frames must halve it, or they are not of
+the flight"""
 _MAX_PREDICTED_PX = 8.0
 """largest median distance of the corners in frames that are added from where the fit so far predicts them"""
 _GUARD_FRAMES = 1
@@ -121,15 +130,15 @@ def grown_flight(
         return None
     begin, end, found = core
     most = end - begin
-    for later in (True, False, True):
-        begin, end, found = _grown(views, begin, end, found, most, later=later)
+    for later, at_once in ((True, most), (False, most), (True, _LATE_FRAMES)):
+        begin, end, found = _grown(views, begin, end, found, at_once, later=later)
     size = _frame_residuals(views.part(begin, end), found)
     fits = np.flatnonzero(size < _END_RATIO * max(1.0, float(np.median(size))))
     first, last = begin + int(fits[0]) + _GUARD_FRAMES, begin + int(fits[-1]) + 1 - _GUARD_FRAMES
     part = views.part(first, last)
     seconds = float(views.seconds[first] - views.seconds[begin])
     again = [(part, moved_in_time(found, seconds))]
-    return part, fit_tosses(body, prior, camera, tags, again, found.x[: found.model.shared])
+    return part, fit_tosses(body, prior, camera, tags, again, found.x[: found.model.shared], _ENDING)
 
 
 def _core(
@@ -226,9 +235,8 @@ def _extended(views: TossViews, start: TossStart, fit: TossFit, added: NDArray[n
     off = np.abs(predicted - views.corners.ravel()).reshape(-1, 8)[added]
     if not float(np.median(off)) < _MAX_PREDICTED_PX:
         return None
-    new = fit_tosses(
-        model.body, fit.prior, model.camera, model.tags, model.tosses, shared, _MAX_STEPS, _LEAST_GAIN
-    )
+    chi2 = fit.cost * len(views.frame) / len(fit.model.tosses[0][0].frame)
+    new = fit_model(model, fit.prior, shared, Ending(_MAX_STEPS, _LEAST_GAIN * chi2, _HALVED_ABOVE * chi2))
     usual = max(_rms(_frame_residuals(fit.model.tosses[0][0], fit)), 1.0)
     fits_all = _rms(_frame_residuals(views, new)) < _MAX_GROWTH * usual
     return new if fits_all and _end_fits(views, new, last=bool(added[views.frame.argmax()])) else None

@@ -24,7 +24,7 @@ from analyze.flight.flight_model import (
     ThrownBody,
     TossStart,
 )
-from analyze.least_squares.levenberg_marquardt import MAX_STEPS, Minimum, minimise
+from analyze.least_squares.levenberg_marquardt import Ending, Minimum, minimise
 from analyze.least_squares.robust import correlation_factor
 
 if TYPE_CHECKING:
@@ -46,8 +46,8 @@ SHAPE_SD = 1.5
 GRAVITY_TURN_SD = 0.02
 """1 sigma of the direction of gravity in W, about each horizontal axis [rad]: wide, as flights measure it"""
 
-LEAST_GAIN = 1e-3
-"""decrease of chi^2 in a step below which a fit ends: what is left is a small part of the unknowns' sd"""
+CONVERGED = Ending(least_gain=1e-3)
+"""a fit ends with a step that decreases chi^2 by less: what is left is a small part of the unknowns' sd"""
 
 
 @dataclass(frozen=True)
@@ -119,8 +119,7 @@ def fit_tosses(
     tags: TagSet,
     tosses: Sequence[tuple[TossViews, TossStart]],
     shared: Array | None = None,
-    max_steps: int = MAX_STEPS,
-    least_gain: float = LEAST_GAIN,
+    ending: Ending = CONVERGED,
 ) -> TossFit:
     """Fit all unknowns of the body, its tags and its tosses to the tags' corners, with Huber's loss.
 
@@ -131,11 +130,27 @@ def fit_tosses(
         tags: the object's tags, with the sd of their places.
         tosses: views of each toss, with a first guess of its start.
         shared: first guess of the unknowns (s,) that tosses share; None for the prior's mean.
-        max_steps: number of steps after which the fit ends, converged or not.
-        least_gain: decrease of chi^2 in a step below which the fit ends.
+        ending: when the fit ends.
     """
-    model = FlightModel(body, camera, tags, tosses)
-    mean, sd = prior.mean_and_sd(tags)
+    return fit_model(FlightModel(body, camera, tags, tosses), prior, shared, ending)
+
+
+def fit_model(
+    model: FlightModel,
+    prior: FlightPrior,
+    shared: Array | None = None,
+    ending: Ending = CONVERGED,
+) -> TossFit:
+    """Fit a model of tosses to the corners of their views, as `fit_tosses` does.
+
+    Args:
+        model: model of all tosses, which holds their views and first guesses.
+        prior: body as known before.
+        shared: first guess of the unknowns (s,) that tosses share; None for the prior's mean.
+        ending: when the fit ends.
+    """
+    tosses = model.tosses
+    mean, sd = prior.mean_and_sd(model.tags)
     first = mean if shared is None else shared
     start = np.concatenate([first, *(each.numbers for _, each in tosses)])
     observed = np.concatenate([*(views.corners.ravel() for views, _ in tosses), mean])
@@ -149,7 +164,7 @@ def fit_tosses(
         )
 
     stated = np.concatenate([corner_sd, sd])
-    found = minimise(observed, stated, expected, start, scale, TAG_SIZE, max_steps, least_gain)
+    found = minimise(observed, stated, expected, start, scale, TAG_SIZE, ending)
     return _result(model, prior, found, corner_sd, sd)
 
 

@@ -140,39 +140,42 @@ def _step(
     moment: tuple[float, float, float],
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Turn (quaternion wxyz, not normalised) and new spin of a body by one Runge-Kutta step of length h."""
-    w1 = w
-    d1 = _spin_rate(w1, inertia, inverse, moment)
-    w2 = _moved(w, 0.5 * h, d1)
-    d2 = _spin_rate(w2, inertia, inverse, moment)
-    w3 = _moved(w, 0.5 * h, d2)
-    d3 = _spin_rate(w3, inertia, inverse, moment)
-    w4 = _moved(w, h, d3)
-    d4 = _spin_rate(w4, inertia, inverse, moment)
-    # Attitude: q' = q w / 2, from no turn.
-    q1 = (0.0, 0.5 * w1[0], 0.5 * w1[1], 0.5 * w1[2])
-    q2 = _attitude_rate(q1, 0.5 * h, w2)
-    q3 = _attitude_rate(q2, 0.5 * h, w3)
-    q4 = _attitude_rate(q3, h, w4)
-    sixth = h / 6.0
-    turn = tuple(sixth * (a + 2.0 * (b + c) + d) for a, b, c, d in zip(q1, q2, q3, q4, strict=True))
-    spun = tuple(
-        each + sixth * (a + 2.0 * (b + c) + d) for each, a, b, c, d in zip(w, d1, d2, d3, d4, strict=True)
+    x, y, z = w
+    half, sixth = 0.5 * h, h / 6.0
+    a1, b1, c1 = _spin_rate(x, y, z, inertia, inverse, moment)
+    x2, y2, z2 = x + half * a1, y + half * b1, z + half * c1
+    a2, b2, c2 = _spin_rate(x2, y2, z2, inertia, inverse, moment)
+    x3, y3, z3 = x + half * a2, y + half * b2, z + half * c2
+    a3, b3, c3 = _spin_rate(x3, y3, z3, inertia, inverse, moment)
+    x4, y4, z4 = x + h * a3, y + h * b3, z + h * c3
+    a4, b4, c4 = _spin_rate(x4, y4, z4, inertia, inverse, moment)
+    spun = (
+        x + sixth * (a1 + 2.0 * (a2 + a3) + a4),
+        y + sixth * (b1 + 2.0 * (b2 + b3) + b4),
+        z + sixth * (c1 + 2.0 * (c2 + c3) + c4),
     )
-    return (1.0 + turn[0], *turn[1:]), spun
-
-
-def _moved(w: tuple[float, ...], h: float, rate: tuple[float, float, float]) -> tuple[float, float, float]:
-    return w[0] + h * rate[0], w[1] + h * rate[1], w[2] + h * rate[2]
+    # Attitude: q' = q w / 2, from no turn.
+    p1, q1, r1 = 0.5 * x, 0.5 * y, 0.5 * z
+    s2, p2, q2, r2 = _attitude_rate(1.0, half * p1, half * q1, half * r1, x2, y2, z2)
+    s3, p3, q3, r3 = _attitude_rate(1.0 + half * s2, half * p2, half * q2, half * r2, x3, y3, z3)
+    s4, p4, q4, r4 = _attitude_rate(1.0 + h * s3, h * p3, h * q3, h * r3, x4, y4, z4)
+    return (
+        1.0 + sixth * (2.0 * (s2 + s3) + s4),
+        sixth * (p1 + 2.0 * (p2 + p3) + p4),
+        sixth * (q1 + 2.0 * (q2 + q3) + q4),
+        sixth * (r1 + 2.0 * (r2 + r3) + r4),
+    ), spun
 
 
 def _spin_rate(
-    w: tuple[float, ...],
+    x: float,
+    y: float,
+    z: float,
     inertia: list[list[float]],
     inverse: list[list[float]],
     moment: tuple[float, float, float],
 ) -> tuple[float, float, float]:
     """Angular acceleration in O by Euler's equations: J w' = T - w x J w."""
-    x, y, z = w
     (a, b, c), (_, d, e), (_, _, f) = inertia
     l1, l2, l3 = a * x + b * y + c * z, b * x + d * y + e * z, c * x + e * y + f * z
     u1 = l2 * z - l3 * y + moment[0]
@@ -183,11 +186,10 @@ def _spin_rate(
 
 
 def _attitude_rate(
-    rate: tuple[float, ...], h: float, w: tuple[float, ...]
+    s: float, x: float, y: float, z: float, wx: float, wy: float, wz: float
 ) -> tuple[float, float, float, float]:
-    """Rate q w / 2 at the attitude that is reached from no turn after h at a given rate."""
-    s, x, y, z = 1.0 + h * rate[0], h * rate[1], h * rate[2], h * rate[3]
-    a, b, c = 0.5 * w[0], 0.5 * w[1], 0.5 * w[2]
+    """Rate q w / 2 of a quaternion q, with scalar s and vector x, y, z, at a spin w in O."""
+    a, b, c = 0.5 * wx, 0.5 * wy, 0.5 * wz
     return -x * a - y * b - z * c, s * a + y * c - z * b, s * b + z * a - x * c, s * c + x * b - y * a
 
 

@@ -56,6 +56,23 @@ class Minimum:
     """(n,) weights of Huber's loss, 0..1"""
 
 
+@dataclass(frozen=True)
+class Ending:
+    """When the iteration of `minimise` ends, besides after small steps."""
+
+    max_steps: int = MAX_STEPS
+    """number of steps after which it ends, converged or not"""
+    least_gain: float = 0.0
+    """decrease of the sum of squares by a nearly undamped step below which it ends, and growth by a refused
+    step below which it ends as well; 0: small steps alone"""
+    halve_above: float = math.inf
+    """sum of squares above which the first step must halve it, or the iteration ends there: a model that fits
+    is nearly linear so close to its start, and the first step takes most away"""
+    damping_kept: int = 0
+    """number of steps after a refused one in which the damping is not lowered: where valleys are long and
+    curved, a lower damping is refused every second time"""
+
+
 def minimise(
     observed: Array,
     sd: Array,
@@ -63,8 +80,7 @@ def minimise(
     start: Array,
     scale: Array,
     positive_index: int = 1,
-    max_steps: int = MAX_STEPS,
-    least_gain: float = 0.0,
+    ending: Ending = Ending(),
 ) -> Minimum:
     """Parameters (p,) that minimise the Huber loss of (observed - expected) / sd.
 
@@ -76,26 +92,23 @@ def minimise(
         start: (p,) first parameters.
         scale: (p,) typical changes of the parameters, for conditioning and convergence.
         positive_index: index of the parameter that must stay above 0.1, in its own unit.
-        max_steps: number of steps after which the iteration ends.
-        least_gain: decrease of the sum of squares by a nearly undamped step below which the iteration ends
-            as well; with 0 only small steps end it.
+        ending: when the iteration ends.
 
     Returns:
         Parameters (p,) after the last accepted step; there, the residuals (n,) observed - expected in the
         observations' unit, the derivatives (n, p) of the expected values by the parameters, and Huber's
-        weight (n,), 0..1, of each observation. The iteration ends after `max_steps` at the latest, converged
-        or not.
+        weight (n,), 0..1, of each observation. The iteration may end before it has converged.
     """
 
     def evaluate(x: Array) -> tuple[Array, Array]:
         expected, jacobian = model(x)
         return observed - expected, jacobian
 
-    x, damping = start.copy(), _START_DAMPING
+    x, damping, kept = start.copy(), _START_DAMPING, 0
     residual, jacobian = evaluate(x)
     weight = _weights(residual / sd)
     cost = float(np.sum(weight * (residual / sd) ** 2))
-    for _ in range(max_steps):
+    for number in range(ending.max_steps):
         J = jacobian * (np.sqrt(weight) / sd)[:, None] * scale
         r = residual * np.sqrt(weight) / sd
         normal, gradient = J.T @ J, J.T @ r
@@ -106,14 +119,16 @@ def minimise(
             continue
         new_residual, new_jacobian = evaluate(trial)
         new_cost = float(np.sum(weight * (new_residual / sd) ** 2))
+        if number == 0 and cost > ending.halve_above and not new_cost < 0.5 * cost:
+            break
         if not math.isfinite(new_cost) or new_cost > cost * (1 + 1e-9) + 1e-12:
-            damping *= 8
-            if damping > _MAX_DAMPING:
+            damping, kept = damping * 8, ending.damping_kept
+            if damping > _MAX_DAMPING or new_cost - cost < ending.least_gain:
                 break
             continue
-        gained_little = damping <= _START_DAMPING and abs(cost - new_cost) < least_gain
+        gained_little = damping <= _START_DAMPING and abs(cost - new_cost) < ending.least_gain
         x, residual, jacobian = trial, new_residual, new_jacobian
-        damping = max(damping / 8, 1e-12)
+        damping, kept = (damping, kept - 1) if kept else (max(damping / 8, 1e-12), 0)
         converged = bool(np.all(np.abs(step) < _STEP_TOLERANCE * scale))
         new_weight = _weights(residual / sd)
         settled = bool(np.max(np.abs(new_weight - weight)) < _WEIGHT_TOLERANCE)

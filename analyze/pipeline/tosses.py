@@ -23,14 +23,14 @@ from analyze.types import FlightEstimate
 from schemas.toss_result import TossVerdict
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from numpy.typing import NDArray
 
     from analyze.estimation.joint import JointSolution
     from analyze.geometry.object_model import ObjectModel
     from analyze.pipeline.evidence import Evidence, StrikeSource, StruckObject
-    from analyze.types import Array, Marker
+    from analyze.types import Array, CameraModel, ImageFrame, Marker
     from schemas.object_spec import ObjectSpec
     from schemas.proto import percuss_pb2 as pb
     from schemas.session_manifest import SessionManifest
@@ -80,16 +80,40 @@ def read_toss(
     Raises:
         RecordingError: the file is damaged within the window.
     """
-    ids = record.toss_id, record.plan_toss_id
-    camera = camera_from_spec(recording.manifest.cameras[0].calibration)
+    return toss_in_frames(
+        (record.toss_id, record.plan_toss_id),
+        recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns),
+        camera_from_spec(recording.manifest.cameras[0].calibration),
+        markers,
+        *thrown_body(struck.spec, struck.model, recording.manifest),
+    )
+
+
+def toss_in_frames(
+    ids: tuple[str, str],
+    frames: Iterable[ImageFrame],
+    camera: CameraModel,
+    markers: list[Marker],
+    body: ThrownBody,
+    prior: FlightPrior,
+) -> TossMotion:
+    """Track the markers in the frames of a toss, find its free flight, and judge it.
+
+    Args:
+        ids: id of the toss in the recording, and of the planned toss.
+        frames: frames of the toss's window.
+        camera: camera that took them.
+        markers: markers of the object; those without a place on it are not used.
+        body: hull, mass and size of the body.
+        prior: body as known before.
+    """
     follower = MarkerFollower(camera, markers, rescan_every=RESCAN_FRAMES, rigid=True)
     try:
-        for frame in recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns):
+        for frame in frames:
             follower.add(frame)
         tracks = follower.report().tracks
     except TrackingError as error:
         return TossMotion(*ids, TossVerdict.UNREADABLE, str(error))
-    body, prior = thrown_body(struck.spec, struck.model, recording.manifest)
     return analyse_toss(ids, tracks, camera, tag_set(markers), body, prior)
 
 

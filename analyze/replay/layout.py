@@ -9,7 +9,7 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from analyze.replay.palette import GROUND
-from analyze.replay.timelines import SESSION, SINCE_CONTACT, strike_path
+from analyze.replay.timelines import SESSION, SINCE_CONTACT, strike_path, toss_path
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,6 +32,20 @@ class StrikePage:
     """Id of the strike."""
     verdict: str = ""
     """Verdict on the strike in words, such as "rocked back"; "" if it is not known yet."""
+
+
+@dataclass(frozen=True)
+class TossPage:
+    """Page (tab of the viewer) that shows one toss; its title is the toss's id and verdict."""
+
+    toss_id: str
+    """Id of the toss."""
+    verdict: str = ""
+    """Verdict on the toss in words; "" if it is not known yet."""
+    target: tuple[float, ...] = (0.0, 0.0, 0.3)
+    """Middle (3,) of the flight in the world frame W [m]."""
+    reach: float = 0.5
+    """Size of the flight [m]."""
 
 
 def timeline_of(page: str | None, *, struck: bool = True) -> str:
@@ -73,25 +87,33 @@ def without_panels(contents: rrb.Container, time: rrb.TimePanel) -> rrb.Blueprin
     return rrb.Blueprint(contents, time, *hidden, auto_layout=False, auto_views=False)
 
 
-def layout(pages: Sequence[StrikePage], front: str, bounds: Array | None = None) -> rrb.Blueprint:
-    """Layout of all pages, as rerun's blueprint: answer, strikes, session.
+def layout(
+    pages: Sequence[StrikePage],
+    front: str,
+    bounds: Array | None = None,
+    tosses: Sequence[TossPage] = (),
+) -> rrb.Blueprint:
+    """Layout of all pages, as rerun's blueprint: answer, strikes, tosses, session.
 
     Args:
         pages: pages of the strikes, in their order.
-        front: page shown first: ANSWER, SESSION_PAGE or a strike's id; the answer if there is no such page.
+        front: page shown first: ANSWER, SESSION_PAGE or the id of a strike or toss; the answer if there is
+            no such page.
         bounds: lower and upper bounds (2, 3) [m] of the object in its frame; None if not known yet.
+        tosses: pages of the tosses, in their order.
     """
-    names = [ANSWER, *(page.strike_id for page in pages), SESSION_PAGE]
+    names = [ANSWER, *(page.strike_id for page in pages), *(page.toss_id for page in tosses), SESSION_PAGE]
     reach = _DEFAULT_SIZE_M if bounds is None else float(np.ptp(bounds, axis=0).max())
     return without_panels(
         rrb.Tabs(
             _answer(np.zeros(3) if bounds is None else bounds.mean(axis=0), reach, len(pages)),
             *(_strike(page, reach) for page in pages),
-            _session(loose=not pages),
+            *(_toss(page) for page in tosses),
+            _session(loose=not pages and not tosses),
             active_tab=names.index(front) if front in names else 0,
         ),
         rrb.TimePanel(
-            timeline=timeline_of(front, struck=bool(pages)),
+            timeline=timeline_of(front, struck=bool(pages or tosses)),
             state="collapsed",
             playback_speed=0.1,
             loop_mode="all",
@@ -133,6 +155,35 @@ def _strike(page: StrikePage, reach: float) -> rrb.Horizontal:
         ),
         column_shares=[1, 1.05],
         name=f"{page.strike_id} {page.verdict}".strip(),
+    )
+
+
+def _toss(page: TossPage) -> rrb.Horizontal:
+    root, axis = toss_path(page.toss_id), rrb.TimeAxis(link="LinkToGlobal")
+    target = np.array(page.target)
+    eye = target + page.reach * np.array([0.6, -1.5, 0.5])
+
+    def plot(path: str, name: str, *, legend: bool = True) -> rrb.TimeSeriesView:
+        shown = rrb.PlotLegend(corner=rrb.Corner2D.RightTop, visible=legend)
+        return rrb.TimeSeriesView(origin=f"{root}/{path}", name=name, plot_legend=shown, axis_x=axis)
+
+    return rrb.Horizontal(
+        rrb.Vertical(
+            rrb.Spatial2DView(
+                origin=f"{root}/camera", name="Camera: tags, fitted pose, track of c", background=GROUND
+            ),
+            scene_view(f"{root}/world", "Flight", eye, target),
+            row_shares=[1.2, 1],
+        ),
+        rrb.Vertical(
+            rrb.TextDocumentView(origin=f"{root}/text", name="Verdict"),
+            plot("rate", "Angular velocity along the object's axes [turns/s]"),
+            plot("residual", "Corners' distance from the fitted flight [px rms]"),
+            plot("height", "Height of c [mm]", legend=False),
+            row_shares=[1.2, 3, 2, 1.6],
+        ),
+        column_shares=[1, 1.05],
+        name=f"{page.toss_id} {page.verdict}".strip(),
     )
 
 

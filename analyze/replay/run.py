@@ -116,7 +116,7 @@ def _replay_complete(
         if done == 0 and measured:
             _send_events(recording, sender)
         recording.release_memory()
-    if not records:
+    if not records and not recording.tosses:
         _send_images_without_strikes(recording, sender, options)
     if not measured or not records:
         _send_events(recording, sender)
@@ -210,6 +210,9 @@ def _images_then_motion(
 
 def _finish(recording: Recording, sender: Sender, target: Target, progress: Progress) -> ReplayResult:
     count = len(recording.strikes)
+    if recording.tosses:
+        progress("tosses", count, count + 1)
+        sender.send_tosses(recording)
     progress("estimating", count, count + 1)
     try:
         send_health(sender.timelines, recording)
@@ -232,7 +235,7 @@ def _refuse_unknown(recording: Recording, options: ReplayOptions) -> None:
             f"{recording.path}: no strike {name!r} to exclude: its strikes{' and tosses' * tossed} are "
             f"{', '.join(known) or 'none'}"
         )
-    pages = [ANSWER, *strikes, SESSION_PAGE]
+    pages = [ANSWER, *known, SESSION_PAGE]
     if options.page is not None and options.page not in pages:
         raise ReplayError(f"{recording.path}: has no page {options.page!r}: choose one of {', '.join(pages)}")
 

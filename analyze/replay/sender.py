@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import rerun as rr
 
 from analyze.errors import AnalyzeError, PlanError, RecordingError
-from analyze.replay.layout import ANSWER, StrikePage, layout, timeline_of
+from analyze.replay.layout import ANSWER, StrikePage, TossPage, layout, timeline_of
 from analyze.replay.markdown import message
 from analyze.replay.palette import Colour, distinct_colour
 from analyze.replay.pictures import ImageChoice, send_pictures
 from analyze.replay.session_scene import send_state_names
-from analyze.replay.timelines import Timelines, strike_path
+from analyze.replay.timelines import Timelines, strike_path, toss_path
 from analyze.replay.words import answer_text, no_answer_text, unread_text, waiting_text
 
 if TYPE_CHECKING:
@@ -21,12 +21,17 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from analyze.cache.results import ResultCache
+    from analyze.flight.toss import TossMotion
     from analyze.pipeline.estimate import Estimate
     from analyze.pipeline.evidence import StrikeReading, StrikeSource, StruckObject
     from analyze.reading.recording import Recording
     from analyze.replay.body import SceneInputs
     from analyze.types import Array
     from schemas.proto import percuss_pb2 as pb
+
+
+_AROUND_FLIGHT_NS = 300_000_000
+"""time before and after a flight for which images are sent [ns]"""
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,8 @@ class Sender:
         self.timelines, self._stream = timelines, timelines.stream
         self._name, self._options = name, options
         self._pages: list[StrikePage] = []
+        self._toss_pages: list[TossPage] = []
+        self._tosses: list[TossMotion] = []
         self._readings: list[StrikeReading] = []
         self._struck: StruckObject | None = None
         self._body: SceneInputs | None = None
@@ -100,7 +107,9 @@ class Sender:
         Args:
             front: name of the page to show first, unless the user asked for another one.
         """
-        self._stream.send_blueprint(layout(self._pages, self._options.page or front, self._bounds()))
+        self._stream.send_blueprint(
+            layout(self._pages, self._options.page or front, self._bounds(), self._toss_pages)
+        )
 
     def _bounds(self) -> Array | None:
         return None if self._body is None else self._body.model.bounds
@@ -125,6 +134,9 @@ class Sender:
         from analyze.replay.views import balance_moment
         from schemas.strike_result import Verdict
 
+        for toss in self._tosses:
+            if toss.toss_id == self._options.page and toss.flight_s is not None:
+                return 0.5 * toss.flight_s
         requested = [each for each in self._readings if each.motion.strike_id == self._options.page]
         good = [each for each in self._readings if each.motion.verdict is Verdict.GOOD]
         shown = next(iter([*requested, *good]), None)
@@ -134,7 +146,7 @@ class Sender:
 
     def shown_timeline(self) -> str:
         """Name of the timeline of the page in front."""
-        return timeline_of(self._options.page, struck=bool(self._pages))
+        return timeline_of(self._options.page, struck=bool(self._pages or self._toss_pages))
 
     # --- strikes
 
@@ -199,6 +211,57 @@ class Sender:
         send_strike(self.timelines, record, reading.motion, tracks, body, self._colours()[record.strike_id])
         self._send_progress(more=more)
 
+    # --- tosses
+
+    def send_tosses(self, recording: Recording) -> None:
+        """Read the tosses of a complete recording, and send a page for each: flight and images.
+
+        Damage of the recording is added to `damage`; a toss that cannot be read has no page.
+        """
+        from analyze.pipeline.cached import cached_toss_reader
+        from analyze.replay.toss_scene import flight_span, send_toss
+
+        struck, body = self._object(recording) if recording.tosses else (None, None)
+        if struck is None or body is None:
+            return
+        read_toss = cached_toss_reader(self._options.cache)
+        for record in recording.tosses:
+            try:
+                toss = read_toss(recording, struck, list(body.markers), record)
+            except RecordingError as error:
+                self.damage.append(str(error))
+                continue
+            self._tosses.append(toss)
+            self._toss_pages.append(send_toss(self.timelines, toss, body, struck, recording.manifest))
+            self._send_toss_images(recording, record, flight_span(toss))
+            recording.release_memory()
+
+    def _send_toss_images(
+        self, recording: Recording, record: pb.TossRecord, flight: tuple[int, int] | None
+    ) -> None:
+        """Send the images of a toss's flight, all of them, and some before and after.
+
+        In flight the object turns by ten degrees from frame to frame: beside an older image the outlines
+        would not lie on it.
+        """
+        path, choice = f"{toss_path(record.toss_id)}/camera/image", self._options.images
+        first_ns, last_ns = record.window_start_ns, record.window_end_ns
+        spans = [(first_ns, last_ns, choice)]
+        start_ns = first_ns
+        if flight is not None:
+            start_ns, end_ns = flight
+            spans = [
+                (max(start_ns - _AROUND_FLIGHT_NS, first_ns), start_ns - 1, choice),
+                (start_ns, end_ns, replace(choice, every_frame=True)),
+                (end_ns + 1, min(end_ns + _AROUND_FLIGHT_NS, last_ns), choice),
+            ]
+        try:
+            for start, end, chosen in spans:
+                frames = recording.images(start_ns=start, end_ns=end)
+                send_pictures(self.timelines, path, frames, start_ns, chosen)
+        except RecordingError as error:
+            self.damage.append(str(error))
+
     def _object(self, source: StrikeSource) -> tuple[StruckObject | None, SceneInputs | None]:
         if not self._object_requested:
             self._object_requested = True
@@ -230,7 +293,7 @@ class Sender:
         Args:
             recording: the complete recording.
         """
-        from analyze.pipeline.cached import cached_toss_reader, estimate_with_cache
+        from analyze.pipeline.cached import estimate_with_cache
         from analyze.pipeline.estimate import EstimateOptions
         from analyze.pipeline.merge import resolve_exclusions
         from analyze.pipeline.read_evidence import evidence_from_readings, read_open_head
@@ -246,10 +309,7 @@ class Sender:
                 self._options.object_path, resolve_exclusions([head], self._options.exclude)
             )
             evidence = evidence_from_readings(head, struck, self._readings)
-            read_toss = cached_toss_reader(self._options.cache)
-            markers = list(body.markers)
-            tosses = [read_toss(recording, struck, markers, record) for record in recording.tosses]
-            evidence = replace(evidence, tosses=tuple(tosses))
+            evidence = replace(evidence, tosses=tuple(self._tosses))
             self._send_estimate(estimate_with_cache(self._options.cache, evidence, options))
         except AnalyzeError as error:
             text = str(error) if str(error).startswith(str(head.path)) else f"{head.path}: {error}"

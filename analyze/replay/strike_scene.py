@@ -119,9 +119,25 @@ def _tags(timelines: Timelines, root: str, contact_ns: int, tracks: Sequence[Mar
     )
     if not rows:
         return
+    corners = np.array([tracks[number].corners_px[i] for _, number, i in rows])
+    send_outlines(timelines, root, contact_ns, np.array([row[0] for row in rows]), corners)
+
+
+def send_outlines(
+    timelines: Timelines, root: str, contact_ns: int, stamps_ns: IntArray, corners_px: Array
+) -> None:
+    """Send outlines of tags over the images, first corners marked.
+
+    Args:
+        timelines: timelines of the stream.
+        root: path of the camera's image in the stream, below which the outlines are put.
+        contact_ns: log time [ns] at which the time shown is 0.
+        stamps_ns: (m,) log times of the outlines [ns], ascending.
+        corners_px: (m, 4, 2) corners [px].
+    """
     # In rerun the origin is the corner of the first pixel; here pixel centres are integers.
-    corners = np.array([tracks[number].corners_px[i] for _, number, i in rows]) + 0.5
-    time_ns, counts = np.unique([row[0] for row in rows], return_counts=True)
+    corners = corners_px + 0.5
+    time_ns, counts = np.unique(stamps_ns, return_counts=True)
     columns = timelines.time_columns(time_ns, contact_ns)
     closed = np.concatenate([corners, corners[:, :1]], axis=1)
     timelines.stream.send_columns(

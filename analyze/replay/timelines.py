@@ -24,6 +24,11 @@ def strike_path(strike_id: str) -> str:
     return rr.new_entity_path(["strike", strike_id])
 
 
+def toss_path(toss_id: str) -> str:
+    """Entity path in the replay under which everything of a toss is logged."""
+    return rr.new_entity_path(["toss", toss_id])
+
+
 class Timelines:
     """Stream of a replay with its timelines `since_contact` and `session`.
 

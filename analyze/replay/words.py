@@ -10,11 +10,13 @@ from analyze.least_squares.intervals import SIGMAS_95
 from analyze.replay.markdown import as_written, message
 from analyze.result.digits import open_interval, with_interval
 from analyze.result.headline import edge_labels, further_warnings, headline
+from schemas.toss_result import TossVerdict
 from schemas.wording import counted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from analyze.flight.toss import TossMotion
     from analyze.types import TipMotion
     from schemas.result import Result
 
@@ -125,6 +127,25 @@ def strike_text(motion: TipMotion, choice: str = "") -> str:
         )
     if choice:
         lines.append(f"- chosen: {message(choice)}")
+    return "\n".join(lines)
+
+
+def toss_text(toss: TossMotion) -> str:
+    """Text of a toss's page: verdict with its reason, spin, principal axis and residual."""
+    verdict = toss.verdict.value.replace("_", " ")
+    lines = [f"**{as_written(toss.toss_id)}: {verdict}.** {message(toss.reason)}", ""]
+    if toss.flight is not None and toss.turns_per_s is not None:
+        if toss.verdict is not TossVerdict.GOOD:  # a good one's reason states them
+            lines.append(
+                f"- {toss.flight_s:.2f} s in free flight and in view, {toss.turns_per_s:.1f} turns a second"
+            )
+        if toss.axis_angle is not None:
+            lines.append(
+                f"- spins {np.degrees(toss.axis_angle):.0f}° off the nearest principal axis of inertia"
+            )
+        lines.append(
+            f"- residual {toss.flight.residual_px:.2f} px rms between the tags' corners and the fitted flight"
+        )
     return "\n".join(lines)
 
 

@@ -99,6 +99,7 @@ class MarkerFollower:
         self._pixels = pixel_map(camera)
         self._paths = {marker.id: MarkerPath(marker) for marker in markers}
         self._rescan_every = rescan_every
+        self._local_searches = min(_MAX_LOCAL_SEARCHES, rescan_every)
         self._spread = marker_spread(markers) if rigid else {}
         self._known = frozenset(self._paths)
         self._expected = frozenset(expected) & self._known
@@ -201,7 +202,8 @@ class MarkerFollower:
         """Find a marker near its expected position: its fitted square and raw corners, or None.
 
         Tried are the edges at the expected corners, if it was found in the last frame, and then a search of
-        the region around them, unless the marker has been missing for `_MAX_LOCAL_SEARCHES` (8) frames.
+        the region around them, unless the marker has been missing for `_MAX_LOCAL_SEARCHES` (8) frames, or as
+        many as pass between full searches.
 
         Args:
             frame: the image.
@@ -218,7 +220,7 @@ class MarkerFollower:
                 and is_marker(frame.image, seen.corners_raw, path.marker.id)
             ):
                 return seen
-        if path.missed >= _MAX_LOCAL_SEARCHES:
+        if path.missed >= self._local_searches:
             return None
         margin = int(reach + 0.35 * float(np.ptp(expected, axis=0).max())) + 2
         left, top = np.maximum(np.floor(expected.min(axis=0)).astype(int) - margin, 0)

@@ -1,4 +1,4 @@
-"""`analyze reproduce`: compute published results again (cube tosses, and the paper's experiments)."""
+"""`analyze reproduce`: compute published results again (real tosses and impacts, the paper's sessions)."""
 
 from __future__ import annotations
 
@@ -48,6 +48,28 @@ def cube_tosses(data: Path | None, plot: Path | None, as_json: bool) -> None:
     if plot is not None:
         write_figure(cube_figure(answer), plot)
         echo(f"plot: {plot}", err=as_json)
+
+
+@reproduce.command("planar-impacts")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@one_line
+def planar_impacts(file: Path, as_json: bool) -> None:
+    """Estimate restitution and friction from published impacts of a real ellipse.
+
+    FILE is data_ellipse.mat of mcubelab/planar-impact-dataset, which you download yourself. The impacts are
+    compared with those of a rigid body that touches at one point.
+    """
+    from analyze.reproduce.planar_impacts import analyse_impacts
+    from analyze.reproduce.planar_impacts_document import answer_json
+    from analyze.reproduce.planar_impacts_file import read_impacts
+    from analyze.reproduce.planar_impacts_table import render_impacts
+
+    answer = analyse_impacts(read_impacts(file))
+    if as_json:
+        echo(json.dumps(answer_json(answer), allow_nan=False))
+    else:
+        render_impacts(answer)
 
 
 @reproduce.command("paper")

@@ -17,6 +17,8 @@ from tests.analyze.flight.tossed_cube import tossed
 from tests.analyze.importing.foreign_files import images, write_bag
 from tests.analyze.reproduce.test_cube_tosses import CUBE
 from tests.analyze.reproduce.test_cube_tosses import write as write_tosses
+from tests.analyze.reproduce.test_planar_impacts import impacts
+from tests.analyze.reproduce.test_planar_impacts import write as write_impacts
 from tests.analyze.reproduce.theta_sessions import theta_session
 from tests.analyze.sources.test_foreign_calibrations import CAMERA_INFO, ECHOED, KALIBR, PYTHONS
 from tests.attack.forked import run_forked
@@ -148,7 +150,7 @@ def _kept(folder: Path, recordings: Path) -> list[Target]:
 
 
 def _reproduced(folder: Path) -> list[Target]:
-    """Published tosses, plain and packed, and the record of a virtual session."""
+    """Published tosses, plain and packed, impacts, and the record of a virtual session."""
     place = folder / "reproduced"
     (place / "out" / "sessions").mkdir(parents=True, exist_ok=True)
     motions = [
@@ -163,10 +165,13 @@ def _reproduced(folder: Path) -> list[Target]:
     kept = place / "out" / "sessions" / f"{record.name}.json"
     kept.write_text(sealed_json(record), encoding="utf-8")
     tosses = (Verb("cube-tosses", ("analyze", "reproduce", "cube-tosses", "--data", "{file}", "--json")),)
+    write_impacts(place / "impacts.mat", impacts())
+    hits = (Verb("planar-impacts", ("analyze", "reproduce", "planar-impacts", "{file}", "--json")),)
     page = (Verb("paper", ("analyze", "reproduce", "paper", "-o", "out"), usual_s=3.0),)
     return [
         Target("tosses", place, "plain.npz", tosses),
         Target("tosses, packed", place, "packed.npz", tosses),
+        Target("impacts", place, "impacts.mat", hits),
         Target("record of a session", place, str(kept.relative_to(place)), page, text=True),
     ]
 

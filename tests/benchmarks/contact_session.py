@@ -43,6 +43,8 @@ from tests.benchmarks.honesty.struck import StruckMotion
 MS = 1_000_000
 SETTLE_NS, LONGEST_NS, AFTER_LANDING_NS = 600 * MS, 1_600 * MS, 150 * MS
 TRIES = 2
+ENERGY_SD = 0.03
+"""relative error of the energy of a strike that aims at one"""
 TILT_SD = math.radians(0.05)
 LEAST_FRICTION_PLANNED = 0.3
 """least friction [ ] with which strikes are planned: on a smoother table the planner refuses most edges"""
@@ -90,30 +92,54 @@ def contact_session(
         strikes: number of planned strikes.
     """
     thing = replace(load_object(name, seed), friction=table.friction)
+    rng = np.random.default_rng([0xC047, seed, *name.encode(), round(1000 * table.friction)])
+    return session_of(thing, table, rng, rate, PlanRequest(strikes))
+
+
+def session_of(
+    thing: VirtualObject,
+    table: Table,
+    rng: np.random.Generator,
+    rate: float | None = RATE_HZ,
+    request: PlanRequest | None = None,
+) -> ContactSession | None:
+    """Simulate a session of an object; None if the planner refuses it.
+
+    Args:
+        thing: the object, with the table's friction.
+        table: the table.
+        rng: generator of errors and pushes.
+        rate: frames per second; None to draw 120 or 240.
+        request: what to plan. The energies are the plan's where it tests contents, else drawn.
+    """
+    request = request or PlanRequest()
     shape = thing.shape_file or ("", None)
     model = load_object_model(thing.spec, shape[1], shape[0])
     sha = object_sha256(thing.spec, shape[1])
     try:
         bench = Bench(STRIKER, default_camera(), max(0.9 * table.friction, LEAST_FRICTION_PLANNED))
-        plan = plan_strikes(prepare_object(model, thing.spec, bench), sha, PlanRequest(strikes))
+        plan = plan_strikes(prepare_object(model, thing.spec, bench), sha, request)
     except AnalyzeError:
         return None
-    rng = np.random.default_rng([0xC047, seed, *name.encode(), round(1000 * table.friction)])
     view = draw_view(DISTURBANCES["none"], rng)
     view = replace(view, rate=rate or view.rate)
     tilt = float(rng.normal(0.0, TILT_SD))
     world = World(
         thing, lambda *_: 0.0, table_tilt=(0.0, tilt), arm_angle=-2.5, table_restitution=table.restitution
     )
-    struck = tuple(_struck(world, thing, model, each, view, rng) for each in plan.strikes)
+    struck = tuple(
+        _struck(world, thing, model, each, view, rng, each.aim.energy_ratio if request.contents else None)
+        for each in plan.strikes
+    )
     return ContactSession(thing, table, _evidence(thing, model, plan, sha, struck), struck)
 
 
 def _struck(
     world: World, thing: VirtualObject, model: ObjectModel, planned: PlannedStrike, view: View,
-    rng: np.random.Generator,
+    rng: np.random.Generator, aimed: float | None = None,
 ) -> StruckStrike:  # fmt: skip
-    energy, found = float(rng.uniform(1.03, 1.3)), None
+    drawn = rng.uniform(1.03, 1.3) if aimed is None else aimed * (1 + rng.normal(0, ENERGY_SD))
+    energy, found = float(drawn), None
     for attempt in range(TRIES):
         truth = _poses(world, thing, planned, energy, float(rng.uniform(0.002, 0.004)))
         tracked, _ = observe(planned, truth, view, DISTURBANCES["none"], rng)

@@ -11,12 +11,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from acquire.daemon.client import DaemonClient
+from acquire.session.earlier import read_earlier
 from acquire.virtual.toss import TossKind
 from acquire.virtual.truth import merge_truth
 from analyze.reading.recording import Recording, open_recording
 from analyze.reading.truth import read_truth
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
+from schemas.session_manifest import PLAN_ATTACHMENT
 from tests.system.session_rig import SessionRig, session_rig
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
@@ -41,10 +43,10 @@ def flights(path: Path) -> list[tuple[int, int]]:
     return [span for span in spans if span[1] - span[0] > 150_000_000]
 
 
-def run(rig: SessionRig, **options: object) -> Path:
+def run(rig: SessionRig, again: int = 0, **options: object) -> Path:
     report = rig.session(lambda text, _done, _total: rig.said.append(text), **options)
     assert not report.complaint, rig.said
-    assert report.tosses == rig.tosses
+    assert report.tosses == rig.tosses + again, rig.said
     merge_truth(report.path, Path(rig.world().truth()))
     return report.path
 
@@ -70,7 +72,7 @@ def test_tosses_follow_the_strikes() -> None:
             assert {record.plan_strike_id for record in recording.strikes} == {"s1", "s2", "s3"}
             assert [toss.toss_id for toss in recording.tosses] == ["t1.1", "t2.1"]
             assert recording.tosses[0].window_start_ns > recording.strikes[-1].window_end_ns
-            assert recording.tosses[0].verdict_code == ""
+            assert [toss.verdict_code for toss in recording.tosses] == ["good", "good"]
             check_windows(recording, path)
             states = [state for _, state in recording.decoded(topics.SESSION_STATE.name, pb.SessionState)]
             tossing = [state.toss_id for state in states if state.state == pb.SessionState.TOSSING]
@@ -78,12 +80,20 @@ def test_tosses_follow_the_strikes() -> None:
             assert states[-1].state == pb.SessionState.FINISHED
 
 
-def test_tosses_alone_and_a_stop_during_one() -> None:
+def test_tosses_alone_with_a_bad_last_one_and_a_stop_during_one() -> None:
     with session_rig(tosses=2) as rig:
-        path = run(rig, only_tosses=True, kinds=(TossKind.GOOD, TossKind.EARLY))
+        path = run(rig, again=1, only_tosses=True, kinds=(TossKind.GOOD, TossKind.EARLY, TossKind.GOOD))
         with open_recording(path) as recording:
             assert recording.strikes == ()
             check_windows(recording, path)
+            assert [toss.toss_id for toss in recording.tosses] == ["t1.1", "t2.1", "t2.2"]
+            first, early, last = (toss.verdict_code for toss in recording.tosses)
+            assert (first, last) == ("good", "good")
+            assert early in {"short", "not_free"}
+            text = recording.attachments[PLAN_ATTACHMENT].decode()
+        earlier = read_earlier([path], text, Path("plan.json"))
+        assert earlier.good_tosses == {"t1", "t2"}
+        assert any(line.startswith("t2 placing again: ") for line in rig.said)
 
         def stop_in_flight(text: str, _done: int, _total: int) -> None:
             rig.said.append(text)

@@ -92,7 +92,8 @@ class _PlanArguments:
     multiple=True,
     metavar="FILE",
     help="Continue from strikes already made: a recording (.mcap) or the output of `analyze estimate "
-    "--json`; may be repeated. The plan states whether more strikes help.",
+    "--json`; may be repeated. The plan states whether more strikes help; `--strikes 0 --tosses 3` adds "
+    "tosses alone.",
 )
 @click.option(
     "--method",
@@ -180,24 +181,23 @@ def _refuse_early(arguments: _PlanArguments) -> None:
         click.UsageError: options that `--method paper` or `--strikes 0` does not have are given with it.
         OutputError: a file cannot be written, or would replace an input.
     """
-    only_ours = (
+    of_strikes = (
         arguments.target_com_mm is not None
-        or arguments.given
         or arguments.gravity
         or arguments.contents
         or arguments.axes is not None
     )
-    if arguments.method == "paper" and only_ours:
+    if arguments.method == "paper" and (of_strikes or arguments.given):
         raise click.UsageError(
             "the paper's method has no --axes, --target-com-mm, --given, --gravity or --contents: leave them "
             "out, or use --method ours"
         )
     if arguments.strikes == 0 and arguments.tosses == 0:
         raise click.UsageError("--strikes 0 plans nothing: ask for strikes, or for tosses (--tosses 3)")
-    if arguments.strikes == 0 and (only_ours or arguments.method == "paper"):
+    if arguments.strikes == 0 and (of_strikes or arguments.method == "paper"):
         raise click.UsageError(
-            "--strikes 0 plans tosses alone: leave out --axes, --target-com-mm, --given, --gravity, "
-            "--contents and --method"
+            "--strikes 0 plans tosses alone: leave out --axes, --target-com-mm, --gravity, --contents and "
+            "--method"
         )
     inputs = [arguments.object_file, arguments.rig, arguments.camera, *arguments.given]
     refuse_outputs([arguments.output, arguments.scenes], inputs=inputs)

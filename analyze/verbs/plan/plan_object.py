@@ -14,6 +14,7 @@ from analyze.geometry.held_object import HeldObject
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.geometry.voxels import voxelise
 from analyze.planning import view
+from analyze.planning.earlier_results import EarlierResult, updated_hypothesis
 from analyze.planning.examine import Bench
 from analyze.planning.fillings import Pieces
 from analyze.planning.hypothesis import hypothesis
@@ -138,11 +139,11 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = no
         progress("reading the results so far", 2, STEPS)
         so_far = read_given(options.given, files.sha256, files.spec.mass_kg, rig.config)
         given = so_far.given
-        if so_far.touches and options.camera_path is None:
+        if so_far.touches and options.camera_path is None and options.strikes != 0:
             bench = replace(bench, striker=updated_striker(bench.striker, so_far.touches))
             notes.append(_note_on_striker(bench.striker, len(so_far.touches)))
     if options.strikes == 0:
-        plan = _tosses_alone(files, model, bench, options.tosses, notes)
+        plan = _tosses_alone(files, model, bench, options.tosses, notes, given)
         return PlannedObject(plan, model, files.spec, bench.camera)
     progress("examining the axes", 3, STEPS)
     try:
@@ -172,21 +173,32 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = no
 
 
 def _tosses_alone(
-    files: ObjectFiles, model: ObjectModel, bench: Bench, count: int, notes: Sequence[str]
+    files: ObjectFiles,
+    model: ObjectModel,
+    bench: Bench,
+    count: int,
+    notes: Sequence[str],
+    given: EarlierResult | None,
 ) -> StrikePlan:
     """Plan of tosses without a strike, with `notes` for the user: no edge of the object is looked for.
+
+    Beside the result `given` of strikes, which know the size of the inertia, SIZE_NOTE is left out.
 
     Raises:
         PlanError: no toss can be planned.
     """
-    tosses = plan_tosses(files.spec, hypothesis(model), bench, count)
+    believed = hypothesis(model)
+    if given is not None:
+        believed = updated_hypothesis(believed, given)
+    tosses = plan_tosses(files.spec, believed, bench, count)
+    size = [] if given is not None and given.strikes else [SIZE_NOTE]
     return StrikePlan(
         schema_version=TOSS_PLAN_VERSION,
         object_name=files.spec.name,
         object_sha256=files.sha256,
         strikes=[],
         tosses=tosses,
-        warnings=[*model.warnings, *toss_notes(tosses), SIZE_NOTE, *notes],
+        warnings=[*model.warnings, *toss_notes(tosses), *size, *notes],
     )
 
 

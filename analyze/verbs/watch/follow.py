@@ -14,7 +14,7 @@ import threading
 import time
 from collections import deque
 from contextlib import suppress
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, cast
 
 import cv2
 
@@ -23,9 +23,10 @@ from analyze.pipeline.sections import MeshSections
 from analyze.reading.followed_series import FollowedSeries
 from analyze.tracking.camera_model import camera_from_spec
 from analyze.verbs.watch.observer import Observer, unreadable
+from analyze.verbs.watch.tosses import TossJudge, unreadable_toss
 from schemas import topics
 from schemas.document import DocumentError, canonical_json, validate
-from schemas.watch_lines import JudgeRequest, StrikeVerdict, WatchEvent
+from schemas.watch_lines import JudgeRequest, StrikeVerdict, TossJudgement, TossRequest, WatchEvent
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -71,9 +72,9 @@ def watch_recording(path: Path, stdin: TextIO, stdout: TextIO, clock: WatchClock
 
     Args:
         path: the growing recording; it may not exist yet.
-        stdin: JudgeRequest lines, each a request for a verdict or the planned strike to expect; others are
-            ignored.
-        stdout: WatchEvent lines (markers in view, rest, placement) and StrikeVerdict lines.
+        stdin: JudgeRequest lines, each a request for a verdict or the planned strike to expect, and
+            TossRequest lines; others are ignored.
+        stdout: WatchEvent lines (markers in view, rest, placement) StrikeVerdict and TossJudgement lines.
         clock: for pauses and timeouts; the machine's by default.
 
     Raises:
@@ -88,6 +89,16 @@ def watch_recording(path: Path, stdin: TextIO, stdout: TextIO, clock: WatchClock
         _Watcher(recording, lines, stdout, clock).run()
     finally:
         recording.close()
+
+
+def _request(data: object) -> JudgeRequest | TossRequest:
+    """Request by a line's JSON.
+
+    Raises:
+        DocumentError: it is none.
+    """
+    tossed = isinstance(data, dict) and cast("dict[str, object]", data).get("kind") == "judge_toss"
+    return validate(TossRequest if tossed else JudgeRequest, data, "standard input")
 
 
 class _ReaderGoneError(Exception):
@@ -118,7 +129,8 @@ class _Watcher:
         self._observer: Observer | None = None
         self._image_topic = ""
         self._expected_strike = ""
-        self._pending: deque[tuple[float, JudgeRequest]] = deque()
+        self._tosses: TossJudge | None = None
+        self._pending: deque[tuple[float, JudgeRequest | TossRequest]] = deque()
         """requests with the time until which they may wait for images"""
 
     def run(self) -> None:
@@ -158,10 +170,10 @@ class _Watcher:
             if line is None:
                 return True
             try:
-                request = validate(JudgeRequest, json.loads(line), "standard input")
+                request = _request(json.loads(line))
             except (DocumentError, ValueError, RecursionError):
                 continue  # not a request
-            if request.kind == "expect":
+            if isinstance(request, JudgeRequest) and request.kind == "expect":
                 self._expected_strike = request.plan_strike_id
                 if self._observer is not None:
                     self._observer.expect(self._expected_strike)
@@ -184,7 +196,9 @@ class _Watcher:
         spec = recording.manifest.object
         sections = MeshSections(spec, lambda: recording.shape_bytes)
         lens = camera_from_spec(camera.calibration)
-        observer = Observer(lens, placed_markers(spec), plan, recording.image, sections)
+        markers = placed_markers(spec)
+        observer = Observer(lens, markers, plan, recording.image, sections)
+        self._tosses = TossJudge(recording.manifest, lens, markers, lambda: recording.shape_bytes)
         observer.expect(self._expected_strike)
         return observer
 
@@ -211,9 +225,19 @@ class _Watcher:
             if not complete and not ended and self._clock.monotonic() < deadline:
                 break
             self._pending.popleft()
-            self._write(unreadable(request, _NO_IMAGES) if observer is None else observer.judge(request))
+            self._write(self._verdict(observer, request))
 
-    def _write(self, document: WatchEvent | StrikeVerdict) -> None:
+    def _verdict(
+        self, observer: Observer | None, request: JudgeRequest | TossRequest
+    ) -> StrikeVerdict | TossJudgement:
+        if isinstance(request, JudgeRequest):
+            return unreadable(request, _NO_IMAGES) if observer is None else observer.judge(request)
+        if observer is None or self._tosses is None:
+            return unreadable_toss(request, _NO_IMAGES)
+        frames = observer.frames(request.window_start_ns, request.window_end_ns)
+        return self._tosses.judge(request, frames)
+
+    def _write(self, document: WatchEvent | StrikeVerdict | TossJudgement) -> None:
         try:
             self._stdout.write(canonical_json(document) + "\n")
             self._stdout.flush()

@@ -233,5 +233,8 @@ class Observer:
         return before
 
     def _window(self, request: JudgeRequest) -> Iterator[ImageFrame]:
-        start, end = self._judged_span(request)
+        return self.frames(*self._judged_span(request))
+
+    def frames(self, start: int, end: int) -> Iterator[ImageFrame]:
+        """Decoded images among those kept, with log times from start to end [ns since 1970]."""
         return (self._decode(image) for image in list(self._images) if start <= image.log_time_ns <= end)

@@ -14,6 +14,8 @@ from acquire.console import session as terminal
 from acquire.session import actions, events, toss_steps, waits
 from acquire.session.toss_steps import TossSteps
 from schemas.planned_toss import PlannedToss
+from schemas.toss_result import TossVerdict
+from schemas.watch_lines import TossJudgement, TossRequest
 from tests.schemas.test_planned_toss import TOSS
 
 PLANNED = PlannedToss.model_validate(TOSS)
@@ -25,6 +27,7 @@ class Daemon:
 
     def __init__(self, *, alive: bool = True, stop_at: int = 10**6, flies: bool = True) -> None:
         self.requests: list[tuple[str, dict[str, Any]]] = []
+        self.verdict: dict[str, Any] | None = None
         self._alive, self._stop_at, self._flies, self.looks = alive, stop_at, flies, 0
 
     def __call__(self, method: str, **params: Any) -> dict[str, Any]:
@@ -38,10 +41,9 @@ class Daemon:
                 return self._look()
             case "window.close":
                 return {"start_ns": 0, "end_ns": params.get("end_ns", 0), "frames": 100, "lost": 0}
-            case "prompt":
-                return {"ok": True, "text": "", "order": "skip"}
             case _:
-                return {}
+                prompted = {"ok": True, "text": "", "order": "skip"}
+                return {"watch.judge_toss": {"verdict": self.verdict}, "prompt": prompted}.get(method, {})
 
     def _look(self) -> dict[str, Any]:
         self.looks += 1
@@ -100,7 +102,8 @@ def test_the_prompt_has_the_planned_toss_and_the_record_its_ids() -> None:
     assert tossing.execute(actions.AskToToss(PLANNED)) == events.Ordered(events.Order.SKIP)
     prompt = dict(daemon.requests)["prompt"]
     assert PlannedToss.model_validate(prompt["toss"]) == PLANNED
-    tossing.execute(actions.WriteToss(PLANNED, 2, events.Recorded(1, 2, 100, 0)))
+    verdict = TossJudgement(toss_id="t1.2", code=TossVerdict.SLOW, reason="1.1 turns a second")
+    tossing.execute(actions.WriteToss(PLANNED, 2, events.Recorded(1, 2, 100, 0), verdict))
     assert daemon.requests[-1] == (
         "recording.toss",
         {
@@ -109,9 +112,25 @@ def test_the_prompt_has_the_planned_toss_and_the_record_its_ids() -> None:
             "attempt": 2,
             "window_start_ns": 1,
             "window_end_ns": 2,
+            "verdict_code": "slow",
+            "verdict_text": "1.1 turns a second",
         },
     )
     assert tossing.kept == 1
+
+
+@pytest.mark.parametrize("answered", [True, False])
+def test_a_toss_is_judged_by_the_images_of_its_window(answered) -> None:
+    daemon = Daemon()
+    daemon.verdict = {"toss_id": "t1.2", "code": "short", "reason": "0.2 s"} if answered else None
+    event = steps(daemon).execute(actions.JudgeToss(PLANNED, 2, events.Recorded(1, 2, 100, 0)))
+    assert isinstance(event, events.TossJudged)
+    assert (event.verdict is not None) is answered
+    assert event.verdict is None or event.verdict.code is TossVerdict.SHORT
+    asked = dict(daemon.requests)["watch.judge_toss"]
+    timeout_s = asked.pop("timeout_s")
+    assert timeout_s == waits.TOSS_JUDGE_TIMEOUT_S
+    assert TossRequest(**asked).toss_id == "t1.2"
 
 
 @pytest.mark.parametrize(

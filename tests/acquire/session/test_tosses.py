@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import pytest
 
 from acquire.errors import SessionError
 from acquire.session import actions, events
 from acquire.session.earlier import EarlierStrikes
 from acquire.session.events import Order
-from acquire.session.machine import MAX_FAULTS, State
+from acquire.session.machine import MAX_ATTEMPTS, MAX_FAULTS, State
 from acquire.session.options import SessionOptions
 from acquire.session.toss_steps import FlightWatch
 from acquire.session.tosses import StrikesAndTosses, TossMachine, session_machine
@@ -16,11 +18,13 @@ from schemas.planned_toss import PlannedToss
 from schemas.proto import percuss_pb2 as pb
 from schemas.strike_plan import StrikePlan
 from schemas.strike_result import Verdict
-from schemas.watch_lines import SeenMarker, WatchEvent
+from schemas.toss_result import TossVerdict
+from schemas.watch_lines import SeenMarker, TossJudgement, WatchEvent
 from tests.acquire.session.test_machine import plan, planned, verdict
 from tests.schemas.test_planned_toss import TOSS
 
 RECORDED = events.Tossed(events.Recorded(1, 2, 100, 0))
+GOOD = TossVerdict.GOOD
 
 
 def toss(toss_id: str) -> PlannedToss:
@@ -31,6 +35,17 @@ def tossing(*ids: str) -> TossMachine:
     machine = TossMachine([toss(each) for each in ids])
     machine.begin()
     return machine
+
+
+def judged(code: TossVerdict = GOOD, reason: str = "0.45 s in the air") -> events.TossJudged:
+    return events.TossJudged(TossJudgement(toss_id="t1.1", code=code, reason=reason))
+
+
+def made(machine, verdict: events.TossJudged | None = None) -> list[actions.Action]:
+    """Actions after a toss that was recorded and judged, good by default."""
+    machine.handle(events.Placed())
+    machine.handle(RECORDED)
+    return machine.handle(verdict or judged())
 
 
 def with_tosses(*ids: str) -> StrikePlan:
@@ -62,12 +77,14 @@ def test_tosses_follow_the_strikes_with_the_arm_out_of_the_way():
     announced, recorded = machine.handle(events.Placed())
     assert announced.state is State.TOSSING
     assert recorded == actions.RecordToss(toss("t1"))
-    written, _, asked = machine.handle(RECORDED)
-    assert written == actions.WriteToss(toss("t1"), 1, RECORDED.recorded)
+    announced, judge = machine.handle(RECORDED)
+    assert announced.state is State.JUDGING
+    assert judge == actions.JudgeToss(toss("t1"), 1, RECORDED.recorded)
+    written, _, asked = machine.handle(judged())
+    assert written == actions.WriteToss(toss("t1"), 1, RECORDED.recorded, judged().verdict)
     assert asked == actions.AskToToss(toss("t2"))
     assert machine.progress == (2, 3)
-    machine.handle(events.Placed())
-    *_, announced, closed = machine.handle(RECORDED)
+    *_, announced, closed = made(machine)
     assert announced == actions.Announce(State.FINISHED, "", 0)
     assert closed == actions.CloseRecording()
     assert machine.progress == (3, 3)
@@ -78,16 +95,14 @@ def test_tosses_alone_make_no_strike():
     *_, asked = machine.handle(events.Started())
     assert asked == actions.AskToToss(toss("t1"))
     assert machine.progress == (0, 1)
-    machine.handle(events.Placed())
-    assert isinstance(machine.handle(RECORDED)[-1], actions.CloseRecording)
+    assert isinstance(made(machine)[-1], actions.CloseRecording)
 
 
 def test_a_plan_of_tosses_alone_begins_with_them():
     alone = with_tosses("t1").model_copy(update={"strikes": []})
     machine = session_machine(alone, SessionOptions())
     assert machine.handle(events.Started())[-1] == actions.AskToToss(toss("t1"))
-    machine.handle(events.Placed())
-    assert isinstance(machine.handle(RECORDED)[-1], actions.CloseRecording)
+    assert isinstance(made(machine)[-1], actions.CloseRecording)
 
 
 def test_with_every_strike_made_before_only_tosses_are_left():
@@ -106,13 +121,11 @@ def test_a_plan_without_tosses_is_a_session_of_strikes():
 
 def test_skip_again_and_harder():
     machine = tossing("t1", "t2", "t3")
-    machine.handle(events.Placed())
-    machine.handle(RECORDED)
+    made(machine)
     assert machine.handle(events.Ordered(Order.AGAIN))[-1] == actions.AskToToss(
         toss("t1"), "again, as ordered"
     )
-    machine.handle(events.Placed())
-    (written, *_, asked) = machine.handle(RECORDED)
+    written, *_, asked = made(machine)
     assert written.attempt == 2
     assert asked == actions.AskToToss(toss("t2"))
     assert machine.handle(events.Ordered(Order.SKIP))[-1] == actions.AskToToss(toss("t3"))
@@ -137,9 +150,47 @@ def test_a_toss_whose_images_were_lost_is_repeated_at_most_three_times():
 
 def test_a_toss_whose_record_was_lost_is_repeated():
     machine = tossing("t1", "t2")
-    machine.handle(events.Placed())
-    machine.handle(RECORDED)
+    made(machine)
     assert machine.handle(events.FileCutShort("cut off"))[-1].toss.id == "t1"
+
+
+def test_a_bad_toss_is_repeated_also_the_last_one():
+    machine, slow = tossing("t1"), judged(TossVerdict.SLOW, "0.9 turns a second, 1.5 are needed")
+    for number in range(1, MAX_ATTEMPTS):
+        written, announced, asked = made(machine, slow)
+        assert (written.attempt, written.verdict) == (number, slow.verdict)
+        assert announced.state is State.PLACING
+        assert asked == actions.AskToToss(toss("t1"), "again: 0.9 turns a second, 1.5 are needed")
+    assert isinstance(made(machine, slow)[-1], actions.CloseRecording)
+    assert machine.skipped == []
+
+
+def test_a_toss_without_a_verdict_is_not_repeated():
+    assert made(tossing("t1", "t2"), events.TossJudged(None))[-1] == actions.AskToToss(toss("t2"))
+
+
+def test_good_tosses_of_earlier_recordings_are_not_asked_for():
+    def earlier(**codes: str) -> EarlierStrikes:
+        tosses = tuple(
+            pb.TossRecord(plan_toss_id=name, verdict_code=code, attempt=1) for name, code in codes.items()
+        )
+        strike = pb.StrikeRecord(plan_strike_id="s1", verdict_code="good")
+        return EarlierStrikes(("a.mcap",), (strike,), Counter(dict.fromkeys(codes, 1)), tosses)
+
+    machine = StrikesAndTosses(with_tosses("t1", "t2"), earlier=earlier(t1="good", t2="slow"))
+    assert machine.handle(events.Started())[-1] == actions.AskToToss(toss("t2"))
+    assert machine.progress == (1, 2)
+    assert made(machine)[0].attempt == 2
+    assert machine.progress == (2, 2)
+    with pytest.raises(SessionError, match=r"a\.mcap: every planned toss was made, and no strike is left"):
+        StrikesAndTosses(with_tosses("t1"), earlier=earlier(t1="good"))
+
+
+def test_strikes_end_the_session_if_every_toss_was_made_before():
+    tossed = pb.TossRecord(plan_toss_id="t1", verdict_code="good")
+    machine = StrikesAndTosses(with_tosses("t1"), earlier=EarlierStrikes(tosses=(tossed,)))
+    assert isinstance(struck(machine)[-1], actions.CloseRecording)
+    assert machine.progress == (2, 2)
 
 
 def test_a_last_strike_whose_record_was_lost_is_repeated_before_the_tosses():

@@ -13,6 +13,7 @@ from analyze.flight.flight_model import (
     TAG_TERMS,
     FlightModel,
     TossStart,
+    _integrals,
 )
 from analyze.flight.free_stretch import moved_in_time
 from analyze.flight.toss_fit import fit_tosses
@@ -51,6 +52,17 @@ def test_derivatives_are_those_of_differences() -> None:
         numeric = (model(x + step)[0] - model(x - step)[0]) / 2e-6
         size = np.abs(numeric).max()
         assert np.abs(by[:, number] - numeric).max() < (0.15 if number < 3 else 0.05) * size, number
+
+
+def test_the_air_slows_a_body_as_the_integral_of_its_force_says() -> None:
+    time = np.sort(np.random.default_rng(5).uniform(0.0, 0.4, 40))
+    once, twice = _integrals(time.tobytes())
+    force = np.column_stack([np.cos(3 * time), time**2, np.ones_like(time)])
+    from_start = time - time[0]
+    velocity = (np.sin(3 * time) - np.sin(3 * time[0])) / 3
+    assert (once @ force)[:, 0] == pytest.approx(velocity, abs=1e-5)
+    assert (once @ force)[:, 2] == pytest.approx(from_start, abs=1e-12)
+    assert (twice @ force)[:, 2] == pytest.approx(0.5 * from_start**2, abs=1e-12)
 
 
 def test_moved_starts_continue_the_flight() -> None:

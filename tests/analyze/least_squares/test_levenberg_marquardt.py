@@ -6,6 +6,7 @@ from scipy.optimize import least_squares
 
 from analyze.least_squares.levenberg_marquardt import (
     HUBER_THRESHOLD,
+    Ending,
     minimise,
     residual_variance,
     unit_covariance,
@@ -68,3 +69,37 @@ def test_the_covariance_is_that_of_repeated_fits():
 def test_a_parameter_that_must_be_positive_stays_so():
     value = decay(np.array([1.0, 0.05]))[0]
     assert fitted(value, (1.0, 1.0)).parameters[1] > 0.1
+
+
+def counted(value, start, ending):
+    """Result of a fit, and the number of times that it computed the model."""
+    calls = 0
+
+    def model(x):
+        nonlocal calls
+        calls += 1
+        return decay(x)
+
+    return minimise(value, SD, model, np.array(start), SCALE, ending=ending), calls
+
+
+def test_a_fit_ends_at_its_start_if_the_first_step_takes_too_little_away():
+    rng = np.random.default_rng(6)
+    jumps = decay(TRUTH)[0] + np.where(np.arange(len(TIME)) % 2, 1.0, -1.0)
+    strict = Ending(halve_above=2.0 * len(TIME))
+    stopped, calls = counted(jumps, TRUTH, strict)
+    assert stopped.parameters == pytest.approx(TRUTH)
+    assert calls == 2
+    noisy = decay(TRUTH)[0] + 0.02 * rng.normal(size=len(TIME))
+    found, _ = counted(noisy, (1.6, 1.0), strict)
+    assert found.parameters == pytest.approx(fitted(noisy, (1.6, 1.0)).parameters)
+
+
+def test_small_gains_end_a_fit_close_to_its_minimum():
+    value = decay(TRUTH)[0] + 0.02 * np.random.default_rng(7).normal(size=len(TIME))
+    whole, most = counted(value, (1.0, 2.0), Ending())
+    for ending in (Ending(least_gain=0.1), Ending(least_gain=0.1, damping_kept=2)):
+        early, fewer = counted(value, (1.0, 2.0), ending)
+        assert fewer <= most
+        spread = np.sqrt(np.diag(unit_covariance(whole, SD, SCALE)))
+        assert np.abs(early.parameters - whole.parameters).max() < 0.3 * spread.max()

@@ -102,6 +102,15 @@ def test_full_frames_are_searched_only_at_first_where_all_is_seen(camera, rng, s
     assert len(searches) == 2
 
 
+def test_a_lost_tag_is_searched_near_its_place_only_until_the_next_full_search(camera, rng, searches):
+    shown, hidden = [(7, *at(-0.04)), (8, *at(0.04))], [(7, *at(-0.04))]
+    frames = video_frames(camera, rng, [shown] * 4 + [hidden] * 9)
+    follower = MarkerFollower(camera, [Marker(7, SIZE, None), Marker(8, SIZE, None)], rescan_every=3)
+    for frame in frames:
+        follower.add(frame)
+    assert sum(size < camera.width * camera.height for size in searches) == 3
+
+
 def test_both_tags_are_followed_while_one_is_hidden(camera, rng):
     frames = video_frames(
         camera, rng, [[(7, *at(-0.04, 0.001 * i)), (8, *at(0.04, 0.001 * i))] for i in range(20)]

@@ -32,6 +32,7 @@ from analyze.report.summary import render_summary
 from analyze.reproduce.cube_tosses_figure import render_cube
 from analyze.reproduce.paper.targets import targets_table
 from analyze.reproduce.paper.terminal import render_table
+from analyze.reproduce.planar_impacts_table import render_impacts
 from analyze.result.answer import answer_evidence
 from analyze.result.score import render_score
 from analyze.verbs.cache import _render as render_cache
@@ -50,6 +51,7 @@ from schemas.predictions import (
 from schemas.quantity import Quantity
 from schemas.result import Filling, PartResult, Parts
 from schemas.terminal import Terminal
+from tests.analyze.reproduce.test_planar_impacts import analysed
 from tests.analyze.simulated_session import carton, session
 from tests.places import RECORDINGS, ROOT
 
@@ -337,6 +339,7 @@ SHOWN: dict[str, Callable[..., None]] = {
     "analyze.batch.query_output": show_query,
     "analyze.batch.summary_output": show_archive,
     "analyze.reproduce.cube_tosses_figure": show_cube,
+    "analyze.reproduce.planar_impacts_table": lambda: render_impacts(analysed()),
     "analyze.reproduce.paper.terminal": lambda: render_table(targets_table([])),
     "analyze.verbs.inspect.table": show_inspection,
     "acquire.console.strike": show_swings,

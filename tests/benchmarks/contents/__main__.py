@@ -11,7 +11,8 @@ A small run, and the sessions of one cell:
     python -m tests.benchmarks.contents --rows "powder 10 %" --each 10
 
 Five rows are sessions of a box of `make bench-honesty` in MuJoCo, planned by `analyze plan --contents`
-(contained.py); of these and of most rigid boxes only the tests are scored, not the whole answer.
+(contained.py), six of objects of the virtual rig with its own contents (on_rig.py); of these and of most
+rigid boxes only the tests are scored, not the whole answer.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from rich.table import Table
 
 from tests.benchmarks.contents.bodies import Contents, Kind, draw_box
 from tests.benchmarks.contents.contained import INSIDES, contained_evidence
+from tests.benchmarks.contents.on_rig import FILLED, rig_evidence
 from tests.benchmarks.contents.scores import Score, score_session, score_tests
 from tests.benchmarks.contents.sessions import (
     TEST_ENERGIES,
@@ -55,6 +57,8 @@ USUAL_ENERGIES = (1.1, 1.15, 1.2)
 """energy ratios of their strikes on the first edge"""
 IN_MUJOCO = "in MuJoCo: "
 """beginning of the rows of contained.py"""
+ON_RIG = "on the rig: "
+"""beginning of the rows of on_rig.py"""
 Task = tuple[str, list[int]]
 """Row and seeds of some sessions."""
 LEAST_PROMISED = 20
@@ -78,6 +82,9 @@ def run_chunk(cell: str, seeds: list[int]) -> list[Score]:
     if cell.startswith(IN_MUJOCO):
         inside = next(each for each in INSIDES if IN_MUJOCO + each.name == cell)
         return [score_tests(cell, seed, contained_evidence(inside, seed)) for seed in seeds]
+    if cell.startswith(ON_RIG):
+        name = cell.removeprefix(ON_RIG)
+        return [score_tests(cell, seed, rig_evidence(name, seed)) for seed in seeds]
     contents = cells()[cell]
     energies = USUAL_ENERGIES if cell.startswith(USUAL) else TEST_ENERGIES
     sessions = [
@@ -174,7 +181,9 @@ def _tasks(names: list[str], counts: dict[str, int], seed: int, done: set[tuple[
 @click.command()
 @click.option("--rigid", default=320, show_default=True, help="Number of rigid boxes.")
 @click.option("--each", default=8, show_default=True, help="Number of boxes of every other row.")
-@click.option("--contained", default=4, show_default=True, help="Sessions of every row in MuJoCo.")
+@click.option(
+    "--contained", default=4, show_default=True, help="Sessions of every row in MuJoCo and on the rig."
+)
 @click.option("--seed", default=1, show_default=True)
 @click.option("--rows", "chosen", default="all", show_default=True, help="Rows, separated by semicolons.")
 @click.option("--workers", default=2, show_default=True)
@@ -188,11 +197,12 @@ def main(
     rigid: int, each: int, contained: int, seed: int, chosen: str, workers: int, kept: Path | None
 ) -> None:
     """Run sessions of every content and amount, and print the tables."""
-    known = [*cells(), *(IN_MUJOCO + inside.name for inside in INSIDES)]
+    few = [*(IN_MUJOCO + inside.name for inside in INSIDES), *(ON_RIG + filled for filled in FILLED)]
+    known = [*cells(), *few]
     names = known if chosen == "all" else chosen.split(";")
     if unknown := set(names) - set(known):
         raise click.BadParameter(f"{', '.join(sorted(unknown))}: choose from {'; '.join(known)}")
-    counts = {"": each, RIGID: rigid} | {name: contained for name in known if name.startswith(IN_MUJOCO)}
+    counts = {"": each, RIGID: rigid} | dict.fromkeys(few, contained)
     scores = [] if kept is None or not kept.exists() else [read_score(line) for line in kept.open()]
     tasks = _tasks(names, counts, seed, {(score.cell, score.seed) for score in scores})
     with ProcessPoolExecutor(workers) as pool, Progress(console=Console(stderr=True), transient=True) as bar:

@@ -2,9 +2,8 @@
 
 A liquid's centroid moves on a curve as its surface tilts: exactly, for a plane surface in a rectangle. Powder
 has the same path, with the friction of its angle of repose. The pendulum of linear sloshing theory has the
-first mode's mass and length (Abramson, The Dynamic Behavior of Liquids in Moving Containers, NASA SP-106,
-1966, chapter 2); the rest of the liquid moves with the container. A lump slides on the floor from wall to
-wall.
+first mode's mass and length (acquire/virtual/sloshing.py); the rest of the liquid moves with the container. A
+lump slides on the floor from wall to wall.
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from acquire.virtual.sloshing import first_mode
 from tests.benchmarks.contents.planar import NODES
 
 STEEPEST = 1.45
@@ -62,12 +62,8 @@ def level_path(width: float, height: float, filled: float) -> Path:
 
 def pendulum_path(width: float, depth: float) -> Path:
     """Path of the pendulum of the first sloshing mode of a liquid of this depth in a rectangular tank."""
-    wave = np.pi * depth / width
-    length = width / (np.pi * np.tanh(wave))
-    share = 8 * np.tanh(wave) / (np.pi**3 * depth / width)
-    share = min(float(share), 0.9)
-    # Place of the moving mass over the bottom, so that force and moment are those of the wave.
-    at = max(depth - 2 * width / np.pi * float(np.tanh(wave / 2)), 0.25 * depth)
+    mode = first_mode(width, depth)
+    length, share, at = mode.length, mode.share, mode.height
     angle = np.linspace(-STEEPEST, STEEPEST, NODES)
     places = np.stack([length * np.sin(angle), at + length * (1 - np.cos(angle))], axis=-1)
     still = (0.5 * depth - share * at) / (1 - share)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
 from analyze.cli import main
+from analyze.planning.earlier_results import EarlierResult, StrikeMade
 from analyze.verbs.plan.table import axis_text
 from tests.full_disk import full_disk
 from tests.places import CARTON, ROOT
@@ -116,6 +118,23 @@ def test_a_missing_result_is_one_line():
     done = run(str(CARTON), "--given", "gone.json")
     assert done.exit_code == 1
     assert "gone.json: no such file" in done.output
+
+
+def test_tosses_alone_are_added_to_strikes_that_were_made(tmp_path: Path, monkeypatch):
+    thing = "acquire/virtual/object_data/carton.toml"
+    made = EarlierResult(
+        "r.json", np.array([0.001, 0.0, 0.009]), 1e-8 * np.eye(3), None, (StrikeMade("p2e0", 1e-3, 0.01),)
+    )
+    so_far = SimpleNamespace(given=made, touches=())
+    monkeypatch.setattr("analyze.result.given_results.read_given", lambda *_: so_far)
+    arguments = ("--strikes", "0", "--tosses", "2", "--json")
+    done = run(thing, "--given", "r.json", *arguments)
+    assert done.exit_code == 0, done.stderr
+    plan = json.loads(done.stdout)
+    assert (len(plan["strikes"]), len(plan["tosses"])) == (0, 2)
+    assert not any("size" in warning for warning in plan["warnings"])
+    alone = json.loads(run(thing, *arguments).stdout)
+    assert any("size" in warning for warning in alone["warnings"])
 
 
 def test_reach_and_gravity_come_from_the_rig_file(tmp_path: Path):

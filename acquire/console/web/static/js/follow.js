@@ -73,7 +73,9 @@ export function viewFor(snapshot, verdictIsNew) {
 
 function placeSign(prompt) {
   if (prompt.kind === "toss")
-    return { word: "TOSS", tone: "accent", text: "Hold it as on the card, then press Ready to toss." };
+    return prompt.hint?.startsWith("again: ")
+      ? { word: "AGAIN", tone: "bad", text: "Hold it as on the card, then press Ready to toss." }
+      : { word: "TOSS", tone: "accent", text: "Hold it as on the card, then press Ready to toss." };
   if (prompt.kind !== "place") return { word: "YOUR TURN", tone: "accent", text: prompt.text };
   if (prompt.hands_off === false && prompt.in_place === true)
     return { word: "HANDS OFF", tone: "wait", text: "The object is in place. Take your hands off it." };
@@ -126,7 +128,7 @@ export function signFor(snapshot, verdictIsNew) {
     arming: ["ARMING", "armed", "The striker strikes after that. Step back."],
     recording: ["HANDS OFF", "wait", "The camera records until the object is at rest."],
     tossing: ["TOSS NOW", "good", "The camera records until the object lies still."],
-    judging: ["HANDS OFF", "wait", "Judging the strike."],
+    judging: ["HANDS OFF", "wait", session.strike_id ? "Judging the strike." : "Judging the toss."],
   };
   const [word, tone, text] = waits[session.state] ?? ["WAIT", "idle", session.text];
   return { word, tone, text };

@@ -251,6 +251,28 @@ def states() -> dict[str, tuple[str, list[Snapshot]]]:
                 )
             ],
         ),
+        "toss-again": (
+            "place",
+            [
+                _with(
+                    session=session("placing", "", 9, strike_id="", attempt=2),
+                    prompt=prompt(
+                        kind="toss",
+                        text="Spin it about the axis through the red dots, 3 turns a second.",
+                        hint="again: 0.9 turns a second, 1.5 are needed: spin it faster",
+                        strike_id="t1",
+                        edge="",
+                        outline_px=None,
+                        axes_px=None,
+                        offset_mm=None,
+                        angle_deg=None,
+                        in_place=None,
+                    ),
+                    **running,
+                )
+            ],
+        ),
+        "judging-toss": ("strike", [_with(session=session("judging", "", 9, strike_id=""), **running)]),
         "armed": (
             "strike",
             [_with(session=session("striking", "", 3), armed={"countdown_s": 2.1}, **armed, **running)],
