@@ -63,7 +63,7 @@ _LEAST_REST = 3
 """least number of frames at rest"""
 _MOVED_NOISE = 4.0
 """median change of grey against the first images, over its scatter, from which on the object moves"""
-_LEAST_EXPLAINED = 0.8
+_LEAST_EXPLAINED = 0.6
 """share of the print that a frame must explain, over that at rest, to count"""
 
 

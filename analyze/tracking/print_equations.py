@@ -78,6 +78,21 @@ def light_terms(grey: Array, shading: Array, face: IntArray) -> Array:
     return light.reshape(len(grey), 4 * faces)
 
 
+def contrast(grey: Array, shading: Array, face: IntArray) -> float:
+    """Standard deviation of grey values (m,) about the shading of their faces [grey].
+
+    Args:
+        grey: (m,) grey values at rest.
+        shading: (m, 3) terms of the shading.
+        face: (m,) number of each point's face.
+    """
+    left = [
+        grey[here] - shading[here] @ np.linalg.lstsq(shading[here], grey[here], rcond=None)[0]
+        for here in (face == name for name in np.unique(face))
+    ]
+    return float(np.std(np.concatenate(left))) if left else 0.0
+
+
 def without_light(light: Array, grey: Array, weight: Array) -> tuple[Array, float]:
     """Residuals (n,) of grey values with the light fitted, and their robust scale [grey]."""
     weighted = light * weight[:, None]

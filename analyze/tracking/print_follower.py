@@ -19,7 +19,13 @@ import cv2
 import numpy as np
 
 from analyze.tracking.camera_model import project_ideal, world_to_camera
-from analyze.tracking.print_equations import LEAST_NOISE, PrintEquations, light_terms, without_light
+from analyze.tracking.print_equations import (
+    LEAST_NOISE,
+    PrintEquations,
+    contrast,
+    light_terms,
+    without_light,
+)
 from analyze.tracking.print_template import BLURS_PX, blurred
 from analyze.tracking.rolling_shutter import row_delay_s
 
@@ -46,20 +52,20 @@ _TUKEY = 5.0
 """residual over its robust scale at which a pixel loses its weight"""
 CORRELATED = (20.0, 3.0)
 """number of points that count as one, as the blur correlates their noise, on each level"""
-_SEARCH_BELOW = 0.85
+_SEARCH_BELOW = 0.8
 """mean weight of the points, over the usual one, below which other tips are tried"""
 _SEARCH_RAD, _SEARCH_STEP_RAD = (-0.064, 0.128), 0.008
 """range of tips that are tried, against the predicted one, and their spacing [rad]"""
 _TRIED = 3
 """number of the best of these that are fitted"""
-_LOST_BELOW = 0.8
+_LOST_BELOW = 0.6
 """mean weight of the points, over the usual one, below which a frame has no fit"""
 _LEAST_STRENGTH = 2.0
 """gradient from which on a point is print [grey/px]: shades of a facetted wall have less"""
 _LEAST_SEEN = 40
 """number of points in view below which nothing is fitted"""
-_BLURRED = 2.0
-"""factor on the noise at rest up to which a moving frame's residuals count as explained"""
+_NOISES = 3.0
+"""residual over the noise, for a print without contrast, from which on a point is not explained"""
 _MARGIN_PX, _SEARCH_MARGIN_PX = 24, 90
 """pixels around the points that are prepared for a fit, and for a search"""
 _OPEN_SD = np.array([1.0, 0.1, 0.1, 0.05, 0.05, 0.05])
@@ -147,7 +153,10 @@ class PrintFollower:
         self._slope = template.slope.mean(axis=0)
         self._by_rest = _by_rest_pose(template, camera, pivot) - _moved(self._arms)
         self._light = [light_terms(grey, template.shading, template.face) for grey in template.grey]
-        self._limits = _TUKEY * _BLURRED * np.maximum(template.noise, LEAST_NOISE)
+        self._limits = [
+            math.hypot(contrast(grey, template.shading, template.face), _NOISES * max(noise, LEAST_NOISE))
+            for grey, noise in zip(template.grey, template.noise, strict=True)
+        ]
         self._R, self._t = world_to_camera(camera)
         self._x, self._speed, self._usual, self._missed = np.zeros(6), 0.0, 0.9, 1
 
