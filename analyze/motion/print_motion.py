@@ -51,8 +51,11 @@ MAX_THETA_SD = math.radians(0.1)
 BIAS_SD = math.radians(0.03)
 """1 sigma of theta's error that neighbouring frames share: grey values between pixels, light, the pose at
 rest"""
-PLACE_SD = 0.2e-3
-"""1 sigma of the errors of slip and lift that the light and the shape cause [m]"""
+PLACE_SD = 0.25e-3
+"""1 sigma of slow errors of slip and lift [m], as of theta"""
+BIAS_PER_MISFIT, PLACE_PER_MISFIT = math.radians(0.5), 4e-3
+"""1 sigma of further slow errors of theta [rad] and of slip and lift [m], per share of the print that moving
+frames do not explain: highlights, shadows and coding"""
 _REST_BEFORE_CONTACT_NS = 4_000_000
 """time before the contact by which a resting frame's exposure must have ended [ns]"""
 _TRACKED_REST = 30
@@ -281,6 +284,7 @@ def _planar(
     kept[:rested] = True
     x = np.array([pose.x for pose in poses])[kept]
     covariance = np.array([pose.covariance for pose in poses])[kept]
+    misfit = 1.0 - float(np.median(explained[kept][rested:])) if kept.sum() > rested else 0.0
     x = x - x[:rested].mean(axis=0)
     single = np.sqrt(covariance[:, THETA, THETA])
     # Noise that neighbouring pixels share: the scatter at rest knows it.
@@ -296,11 +300,14 @@ def _planar(
         off_axis=off_axis,
         slip=x[:, X],
         zero_sd=math.hypot(0.5 * BIAS_SD, factor * float(np.median(single[:rested])) / math.sqrt(rested)),
-        slow_sd=math.hypot(BIAS_SD, _theta_sd_by_rest(poses, rested)),
+        slow_sd=math.hypot(BIAS_SD, BIAS_PER_MISFIT * misfit, _theta_sd_by_rest(poses, rested)),
         strain_sd=camera.strain_sd,
     )
     planar = covariance[:, place][:, :, place] * factor**2
-    planar[:, 1:, 1:] += PLACE_SD**2 * np.eye(2)
+    place_sd = math.hypot(PLACE_SD, PLACE_PER_MISFIT * misfit)
+    planar[:, 1:, 1:] += place_sd**2 * np.eye(2)
     position_sd = np.sqrt(0.5 * (planar[:, 1, 1] + planar[:, 2, 2]))
     motion = PlanarMotion(angle, x[:, Z], position_sd, off_sd, 0.0, planar)
-    return replace(motion, yaw=yaw, roll=x[:, ROLL], roll_sd=np.sqrt(covariance[:, ROLL, ROLL]))
+    return replace(
+        motion, yaw=yaw, slow_place_sd=place_sd, roll=x[:, ROLL], roll_sd=np.sqrt(covariance[:, ROLL, ROLL])
+    )

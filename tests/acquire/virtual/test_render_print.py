@@ -201,7 +201,6 @@ def test_object_without_tags_survives_its_archive(tmp_path):
 
 def test_devices_hand_the_surface_over_and_keep_it_out_of_the_object_file(tmp_path):
     usual = DeviceOptions("carton", SEED, "127.0.0.1")
-    assert not usual.is_dressed
     devices = prepare_devices(replace(usual, packaging=PRINTED, tags=False), tmp_path)
     text = devices.object_path.read_text(encoding="utf-8")
     assert "marker" not in tomllib.loads(text)
