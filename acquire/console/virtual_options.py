@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from schemas.camera_kind import CameraKindName
+from schemas.command_line import NumberRange
 from schemas.servo_models import DEFAULT_MODEL, MODEL_NAMES
 from schemas.striker_kind import STRIKER_KINDS, KindName
 
@@ -87,7 +88,7 @@ def virtual_options(command: Any) -> Any:
         ),
         click.option(
             "--friction",
-            type=click.FloatRange(0.05, 2.0),
+            type=NumberRange(0.05, 2.0),
             help="Friction between object and table.  [default: by the truth file, or drawn from the seed]",
         ),
         click.option(
