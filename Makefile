@@ -13,7 +13,7 @@ OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(basename $(notdir $(OBJECT)))-$(SEED).mcap
 
-.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-console bench-honesty bench-contents bench-adaptive attack bench-world-sessions bench-batch bench-import bench-unplanned bench-world bench-world-strikes bench-devices bench-read-rate bench-late-stamps bench-servo-safety protos lock clean bench-contact bench-tosses bench-thrown bench-toss-time bench-import-tosses bench-mat
+.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-console bench-honesty bench-contents bench-adaptive attack bench-world-sessions bench-batch bench-import bench-unplanned bench-world bench-world-strikes bench-devices bench-read-rate bench-late-stamps bench-servo-safety protos lock clean bench-contact bench-tosses bench-thrown bench-toss-time bench-import-tosses bench-mat bench-print
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -251,6 +251,9 @@ bench-servo-safety: setup  ## faults of servos, with and without the striker's p
 CONTACT ?=
 bench-mat: setup  ## camera poses by 40 rendered mats against the truth; bumped cameras found (four minutes)
 	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.mat
+
+bench-print: setup  ## strikes by the object's print beside the same strikes by tags; disturbed strikes (PRINT="--seeds 1 --objects carton --strikes 4", PRINT="--disturbed --seeds 1") (hours)
+	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.print $(PRINT)
 
 bench-contact: setup  ## friction, restitution and predicted strikes against truth on seven tables, five objects (CONTACT="--seeds 1 --objects carton") (an hour)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.contact $(CONTACT)

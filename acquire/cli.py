@@ -19,7 +19,7 @@ import click
 
 from acquire.console.session_options import target_of, target_options
 from acquire.console.strike_options import StrikeOptions
-from acquire.console.virtual_options import refuse_other_kind, refuse_truth_of_ours, virtual_options
+from acquire.console.virtual_options import virtual_options
 from acquire.console.web_verb import console
 from acquire.errors import AcquireError, DaemonSilent
 from schemas.command_line import Commands, NumberRange, one_line_errors, version_option
@@ -199,10 +199,11 @@ def session(
 @_one_line_errors
 def demo(output: Path, force: bool, as_json: bool, **options: Any) -> None:
     """Run a whole session on the virtual rig: real GigE Vision, real Dynamixel protocol, no hardware."""
+    from acquire.chosen_devices import device_options
     from acquire.console.session import SessionProgress
     from acquire.demo import DemoPlan, fresh_output, replaced_output, run_demo
 
-    devices = _device_options(options)
+    devices = device_options(options)
     place = replaced_output(output) if force else fresh_output(output)
     if options["strikes"] < 3 and not options["tosses"]:
         raise click.UsageError(f"--strikes {options['strikes']}: ask for 3, or for tosses (--tosses 3)")
@@ -229,13 +230,14 @@ def virtual(folder: Path, **options: Any) -> None:
 
     Prints the commands to use and ends on Ctrl-C.
     """
+    from acquire.chosen_devices import device_options
     from acquire.virtual.rehearsal import rehearse
 
     def show(line: str) -> None:
         echo(line)
         sys.stdout.flush()
 
-    rehearse(_device_options(options), folder, show)
+    rehearse(device_options(options), folder, show)
 
 
 @main.command()
@@ -354,24 +356,6 @@ def _end_as_on_ctrl_c() -> None:
     """Let SIGTERM and SIGHUP raise KeyboardInterrupt, so that the program cleans up as on Ctrl-C."""
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)
-
-
-def _device_options(options: dict[str, Any]) -> Any:
-    """Choice of a virtual rig; its options are removed from those of the command."""
-    from acquire.virtual.device_kinds import DeviceKinds
-    from acquire.virtual.devices import DeviceOptions
-    from acquire.virtual.gige_sockets import free_address
-    from acquire.virtual.given_contents import parse_contents
-
-    names = ("object_name", "seed", "address", "truth", "contents", "friction")
-    given = {name: options.pop(name) for name in names}
-    kinds = {name: options.pop(name) for name in ("camera", "make", "striker", "servo")}
-    refuse_truth_of_ours(given["object_name"], given["truth"])
-    refuse_other_kind(**kinds)
-    given["truth_path"], given["address"] = given.pop("truth"), given["address"] or free_address()
-    if given["contents"] is not None:
-        given["contents"] = parse_contents(given["contents"])
-    return DeviceOptions(**given, kinds=DeviceKinds(**kinds))
 
 
 def _socket(rig: Path | None) -> Path:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.session_manifest import LensModel
-from schemas.strike_result import Verdict
+from schemas.strike_result import FollowedBy, Verdict
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -352,6 +352,8 @@ class TipMotion:
     """turns of the object at rest against its planned pose, one by each marker whose place on it is known"""
     edge_path: EdgePath | None = None
     """path of the planned pivot edge in the frames of theta(t); None if no marker was followed"""
+    followed_by: FollowedBy = FollowedBy.TAGS
+    """what the object was followed by"""
 
 
 class RadiusSource(enum.Enum):

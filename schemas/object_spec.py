@@ -237,8 +237,9 @@ class ObjectSpec(Document):
     )
     held: HeldObject | None = Field(default=None, description="how closely the object sits in its fixture")
     marker: list[MarkerSpec] = Field(
-        min_length=1,
-        description="for each tag on the object: id, size_m, and T_object_marker if its place is known",
+        default_factory=list,
+        description="for each tag on the object: id, size_m, and T_object_marker if its place is known; none "
+        "if the object is followed by its own print",
     )
 
     @field_validator("shell_thickness_m", "edge_radius_m")
@@ -287,12 +288,6 @@ class ObjectSpec(Document):
         return self
 
 
-class UntaggedObjectSpec(ObjectSpec):
-    """An object file that need not list any marker: enough for the shape, and for a fixture with tags."""
-
-    marker: list[MarkerSpec] = Field(default_factory=list, description="as in ObjectSpec; may be left out")
-
-
 def _in_metres(length: float) -> float:
     """Length [m] of a wall's thickness or an edge's radius, unchanged.
 
@@ -317,18 +312,6 @@ def read_object_spec(path: Path) -> ObjectSpec:
         DocumentError: the file is missing, is not TOML, or holds an entry that cannot be used.
     """
     return parse_object_spec(read_text(path), str(path))
-
-
-def read_untagged_object_spec(path: Path) -> ObjectSpec:
-    """Read and validate an object file (TOML) that need not list any marker.
-
-    Returns:
-        As `read_object_spec`; the list of markers may be empty.
-
-    Raises:
-        DocumentError: the file is missing, is not TOML, or holds an entry that cannot be used.
-    """
-    return validate(UntaggedObjectSpec, _toml_table(read_text(path), str(path)), str(path))
 
 
 def parse_object_spec(text: str, name: str) -> ObjectSpec:

@@ -59,6 +59,7 @@ class WarningCode(enum.Enum):
     REST_TURNED = "rest_turned"
     MARKER_MOVED = "marker_moved"
     NOT_RIGID = "not_rigid"
+    PRINT_DIFFERS = "print_differs"
     TOSSES_NOT_USED = "tosses_not_used"
 
 

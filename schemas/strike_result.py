@@ -33,6 +33,13 @@ class Verdict(enum.Enum):
     UNREADABLE = "unreadable"
 
 
+class FollowedBy(enum.StrEnum):
+    """What an object was followed by in the images of a strike."""
+
+    TAGS = "tags"
+    PRINT = "print"
+
+
 USABLE_VERDICTS = (Verdict.GOOD, Verdict.ROCKED_BACK)
 """verdicts of usable strikes: one that rocked back still gives balance angle phi and rate constant k"""
 
@@ -100,7 +107,7 @@ class StrikeResult(RenamedDocument, SparseDocument):
     fitted.
     """
 
-    left_out: ClassVar[tuple[str, ...]] = ("heading_rad", "prediction", "edge_name", "choice")
+    left_out: ClassVar[tuple[str, ...]] = ("heading_rad", "prediction", "edge_name", "choice", "followed_by")
 
     id: str = Field(description="id of the strike in the recording: plan strike and attempt, as `s3.1`")
     plan_strike_id: str = Field(description="id of the planned strike")
@@ -123,6 +130,9 @@ class StrikeResult(RenamedDocument, SparseDocument):
     used: bool = Field(description="true if the result uses this strike")
     information_share: float = Field(
         ge=0, description="share of the information about the centre of mass; 0 if not used"
+    )
+    followed_by: FollowedBy = Field(
+        default=FollowedBy.TAGS, description="what the object was followed by: its tags, or its own print"
     )
     estimator: str | None = None
     """name of the estimator that fitted the motion"""

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from schemas.camera_kind import CameraKindName
+from schemas.command_line import NumberRange
 from schemas.servo_models import DEFAULT_MODEL, MODEL_NAMES
 from schemas.striker_kind import STRIKER_KINDS, KindName
 
@@ -38,8 +39,18 @@ class _ObjectName(click.ParamType):
 
 
 def virtual_options(command: Any) -> Any:
-    """Decorator that adds the options of a virtual rig: object, truth file, seed, camera, striker."""
+    """Decorator that adds the options of a virtual rig: object, print, truth file, seed, camera, striker."""
     for option in (
+        click.option("--tags/--no-tags", default=True, help="With tags on the object, or without."),
+        click.option("--gloss", is_flag=True, help="A highlight on the faces, which stays with the light."),
+        click.option(
+            "--print",
+            "print_kind",
+            default="blank",
+            show_default=True,
+            type=click.Choice(["blank", "light", "print"]),
+            help="Print on the faces, as on a package: none, pale or strong.",
+        ),
         click.option(
             "--striker",
             default="dynamixel",
@@ -77,7 +88,7 @@ def virtual_options(command: Any) -> Any:
         ),
         click.option(
             "--friction",
-            type=click.FloatRange(0.05, 2.0),
+            type=NumberRange(0.05, 2.0),
             help="Friction between object and table.  [default: by the truth file, or drawn from the seed]",
         ),
         click.option(

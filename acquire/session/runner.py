@@ -37,10 +37,6 @@ from schemas.strike_plan import PlannedStrike
 from schemas.watch_lines import AdviceRequest, SessionEstimate, StrikeVerdict, WatchEvent
 from schemas.wording import counted
 
-POSE_TOLERANCE_RAD = 0.14
-"""largest error of a placement [rad]: 8 degrees, far above that of a careful one, far below that of a wrong
-face"""
-
 Progress = Callable[[str, int, int], None]
 """called with a text, the number of planned strikes done, and the number of all planned strikes"""
 
@@ -257,13 +253,13 @@ class SessionRunner:
             if event is not None and seen_ns < event.time_ns <= since_ns:
                 # A restarted `analyze watch` reads the recording from its beginning: let it catch up.
                 seen_ns, end = event.time_ns, time.monotonic() + waits.POSE_TIMEOUT_S
-            if event is not None and event.time_ns > since_ns and event.markers:
+            if event and event.time_ns > since_ns and (event.markers or self._input.untagged):
                 error = event.placement_error_rad
                 if hands_are_near(event):
                     text = "something moves beside the object: take your hands away"
                     time.sleep(0.05)
                     continue
-                if event.at_rest and error is not None and error < POSE_TOLERANCE_RAD:
+                if event.at_rest and self._input.is_placed(error):
                     return events.PoseChecked(good=True)
                 if event.at_rest and error is None and self._input.lacks_places(event.markers):
                     self._report(f"{strike.id}: placement not checked: {event.text}")

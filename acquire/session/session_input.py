@@ -13,6 +13,10 @@ from schemas.object_spec import ObjectSpec, object_sha256, read_object_spec
 from schemas.strike_plan import StrikePlan, read_strike_plan
 from schemas.watch_lines import SeenMarker
 
+POSE_TOLERANCE_RAD = 0.14
+"""largest error of a placement [rad]: 8 degrees, far above that of a careful one, far below that of a wrong
+face"""
+
 
 @dataclass
 class SessionInput:
@@ -59,6 +63,19 @@ class SessionInput:
                 f"or an older version of {self.object_path}: "
                 f"run `analyze plan {self.object_path} -o {self.plan_path}` again"
             )
+
+    @property
+    def untagged(self) -> bool:
+        """True if the object has no tags: it is followed by its print, and no placement is checked."""
+        return not self.spec.marker
+
+    def is_placed(self, error_rad: float | None) -> bool:
+        """True if the object lies as planned, or has no tag to show it.
+
+        Args:
+            error_rad: angle to the planned orientation [rad]; None if unknown.
+        """
+        return self.untagged or (error_rad is not None and error_rad < POSE_TOLERANCE_RAD)
 
     def lacks_places(self, seen: Sequence[SeenMarker]) -> bool:
         """True if markers of the object are in view, all of them without a place in the object file.

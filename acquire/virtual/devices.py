@@ -19,8 +19,9 @@ from acquire.virtual.filled_object import with_contents
 from acquire.virtual.given_contents import GivenContents
 from acquire.virtual.given_truth import read_given_truth
 from acquire.virtual.object_archive import SUFFIX, save_object
-from acquire.virtual.objects import OBJECT_NAMES, VirtualObject, load_object
+from acquire.virtual.objects import OBJECT_NAMES, VirtualObject, load_object, without_tags
 from acquire.virtual.own_object import read_own_object
+from acquire.virtual.packaging import BLANK, Packaging
 from acquire.virtual.processes import running_process
 from acquire.virtual.station import calibration_sheet
 from acquire.virtual.usb_library import FOLDER as USB_FOLDER
@@ -49,6 +50,10 @@ class DeviceOptions:
     """truth file of a user's object; None to draw from the seed what its object file does not state"""
     kinds: DeviceKinds = USUAL_KINDS
     """kinds and makes of camera and striker"""
+    packaging: Packaging = BLANK
+    """print on the object's faces; in the camera's images only"""
+    tags: bool = True
+    """False to leave the tags off the object, and out of its object file"""
     contents: GivenContents | None = None
     """what moves inside the object; None for what the truth file gives, else for nothing"""
     friction: float | None = None
@@ -144,18 +149,28 @@ def prepare_devices(options: DeviceOptions, folder: Path) -> Devices:
     refuse_other_address(options.address)
     if options.object_name in OBJECT_NAMES:
         named, object_path, notes = load_object(options.object_name, options.seed), folder / "object.toml", ()
-        _write_object(named, object_path)
-    else:
+    elif options.tags:
         own = read_own_object(Path(options.object_name), options.seed, options.truth_path, folder)
         named, object_path, notes = own.virtual, own.object_path, own.notes
+    else:
+        raise ConfigError(
+            f"{options.object_name}: tags can be left off the objects that come with the program only, with"
+            f" --no-tags: choose one of {', '.join(OBJECT_NAMES)}"
+        )
     virtual_object = _changed(named, options)
+    if options.object_name in OBJECT_NAMES:
+        _write_object(virtual_object, object_path)
     if options.object_name not in OBJECT_NAMES or virtual_object is not named:
         save_object(virtual_object, folder / f"virtual-object{SUFFIX}")
     return Devices(options, folder, virtual_object, object_path, notes)
 
 
 def _changed(virtual_object: VirtualObject, options: DeviceOptions) -> VirtualObject:
-    """Object with the contents and the friction that the options give; the same if they give none."""
+    """Object with print, tags, contents and friction as the options give them; the same if they give none."""
+    if not options.packaging.is_plain:
+        virtual_object = replace(virtual_object, packaging=options.packaging)
+    if not options.tags:
+        virtual_object = without_tags(virtual_object)
     if options.friction is not None:
         virtual_object = replace(virtual_object, friction=options.friction)
     contents = options.contents or read_given_truth(options.truth_path).contents

@@ -13,6 +13,7 @@ from acquire.virtual.convex_parts import ConvexParts
 from acquire.virtual.given_contents import ContentsKind
 from acquire.virtual.hidden import HiddenBody
 from acquire.virtual.objects import OBJECT_NAMES, VirtualObject, load_object
+from acquire.virtual.packaging import Packaging, PrintKind
 from schemas.object_spec import ObjectSpec
 
 SUFFIX = ".npz"
@@ -44,6 +45,9 @@ def save_object(virtual_object: VirtualObject, path: Path) -> None:
         masses=[body.mass_kg, *body.region_masses],
         plane=[*body.region_plane[0], body.region_plane[1]],
         shell=body.shell_thickness_m,
+        print_kind=virtual_object.packaging.kind.value,
+        print_seed=virtual_object.packaging.seed,
+        glossy=virtual_object.packaging.glossy,
         **_contents_arrays(virtual_object.contents),
     )
 
@@ -93,6 +97,9 @@ def open_object(name: str, seed: int) -> VirtualObject:
             camera_distance_m=distance,
             arm_inertia_kg_m2=arm,
             drag_coefficient=drag,
+            packaging=Packaging(
+                PrintKind(str(data["print_kind"])), int(data["print_seed"]), bool(data["glossy"])
+            ),
             contents=_contents(data) if "inside_kind" in data else None,
         )
 

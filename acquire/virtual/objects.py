@@ -20,6 +20,7 @@ from acquire.errors import AcquireError
 from acquire.virtual.bottle_shapes import BOTTLES, convex_parts, read_stl
 from acquire.virtual.convex_parts import ConvexParts
 from acquire.virtual.hidden import HiddenBody, box_depth, cylinder_depth, hidden_body, mesh_depth, sample_body
+from acquire.virtual.packaging import BLANK, Packaging
 from acquire.virtual.primitive_meshes import box_mesh, cylinder_mesh
 from acquire.virtual.station import ARM_INERTIA_KG_M2, DISTANCE_M, DRAG_COEFFICIENT, TABLE_FRICTION
 from schemas.object_spec import ObjectSpec, parse_object_spec
@@ -121,6 +122,8 @@ class VirtualObject:
     """moment of inertia of the striker's arm about its hinge [kg m2]"""
     drag_coefficient: float = 1.1
     """coefficient of the air's pressure on the object's faces in a toss"""
+    packaging: Packaging = BLANK
+    """print on the faces; in the camera's images only"""
     contents: Contents | None = None
     """what moves inside; None for a rigid object"""
 
@@ -168,6 +171,13 @@ def load_object(name: str, seed: int) -> VirtualObject:
         body=body,
         drag_coefficient=drag_coefficient,
     )
+
+
+def without_tags(virtual_object: VirtualObject) -> VirtualObject:
+    """Object without its tags, in object file and images; its mass is unchanged."""
+    text = virtual_object.spec_toml.partition("\n[[marker]]")[0].rstrip() + "\n"
+    spec = virtual_object.spec.model_copy(update={"marker": []})
+    return replace(virtual_object, spec=spec, spec_toml=text)
 
 
 def hull_corners(points: NDArray[np.float64]) -> NDArray[np.float64]:

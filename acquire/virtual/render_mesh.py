@@ -33,6 +33,8 @@ class FaceGroup:
 
     vertices: NDArray[np.float64]
     """(v, 3) corners of the faces [m, in O]"""
+    corners: NDArray[np.float64]
+    """(f, 3, 3) corners of the faces [m], counter-clockwise from outside"""
     face_point: NDArray[np.float64]
     """(f, 3) a point in the plane of each face [m]"""
     face_normal: NDArray[np.float64]
@@ -148,4 +150,4 @@ def _group(vertices: NDArray[np.float64], surface: _Borders, member: NDArray[np.
     left, right = np.repeat(number[f], pieces), np.repeat(number[g], pieces)
     used = np.unique(surface.corners[member].reshape(-1, 3), axis=0)
     point, normal = surface.point[member], surface.normal[member]
-    return FaceGroup(used, point, normal, points, start, start + 1, left, right)
+    return FaceGroup(used, surface.corners[member], point, normal, points, start, start + 1, left, right)

@@ -9,9 +9,11 @@ import cv2
 import numpy as np
 
 from acquire.virtual.backdrop import FAR_EDGE_M, LIGHT_WORLD
+from acquire.virtual.gloss import Gloss
 from acquire.virtual.layers import Layer, Outline, compose, filled_layer, masked, overlay
 from acquire.virtual.render_mesh import FaceGroup, face_groups
 from acquire.virtual.render_parts import PartGroups
+from acquire.virtual.render_print import printed_groups
 from acquire.virtual.render_tag import Lines, tag_lines
 
 if TYPE_CHECKING:
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
 
     from acquire.virtual.lens import Lens
     from acquire.virtual.objects import VirtualObject
+    from acquire.virtual.render_print import PrintLines
 
 _ALBEDO = 150.0
 """grey level of a face whose normal points along W's -y, towards the camera"""
@@ -54,7 +57,7 @@ class ObjectPainter:
     """Painter of image layers of one object with its tags, and of its shadow.
 
     A mesh with hollows is drawn as convex parts, which fill small hollows. Not modelled: the rounding of
-    edges, print on the faces, gloss, light reflected between faces.
+    edges, relief of the print, light reflected between faces.
 
     Args:
         virtual_object: the object; tags without a given pose on it are not drawn.
@@ -71,6 +74,9 @@ class ObjectPainter:
             self._groups = face_groups(virtual_object.mesh_vertices, virtual_object.mesh_faces)
         else:
             self._groups = self._parts.groups
+        self._prints = printed_groups(virtual_object, self._groups)
+        glossy = virtual_object.packaging.glossy
+        self._gloss = Gloss(lens, width, height, self._groups) if glossy else None
         self._cards: list[_Card] = []
         for marker in virtual_object.spec.marker:
             if marker.T_object_marker is None:
@@ -116,7 +122,7 @@ class ObjectPainter:
         for g in sorted(range(len(self._groups)), key=distance):
             facing = [card for card in self._cards if card.group == g and faces_camera(card)]
             cards = [item for item in (self._card(card, R, pose) for card in facing) if item is not None]
-            surface = self._group(self._groups[g], camera_object, R, pose)
+            surface = self._group(g, camera_object, R, pose)
             if surface is not None:
                 drawn.append(overlay(surface, cards))
             else:
@@ -143,7 +149,7 @@ class ObjectPainter:
             pose: positions (k, 3) [m] and rotations (k, 3, 3) of the poses.
         """
         order = parts.front_to_back(camera_object)
-        surfaces = {g: self._group(self._groups[g], camera_object, R, pose) for g in order}
+        surfaces = {g: self._group(g, camera_object, R, pose) for g in order}
         visible = [layer for g in order if (layer := surfaces[g]) is not None]
         cards: list[Layer] = []
         for card in self._cards:
@@ -266,11 +272,13 @@ class ObjectPainter:
 
     def _group(
         self,
-        group: FaceGroup,
+        number: int,
         camera_object: NDArray[np.float64],
         R_world_object: NDArray[np.float64],
         pose: tuple[NDArray[np.float64], NDArray[np.float64]],
     ) -> Layer | None:
+        """Image layer of the faces of one group, with their print; None if out of view."""
+        group, printed = self._groups[number], self._prints[number]
         visible = np.append(np.sum((camera_object - group.face_point) * group.face_normal, axis=1) > 0, False)
         shade = np.round(_ALBEDO * _shade(group.face_normal @ R_world_object.T) / _SHADES) * _SHADES
         value = np.append(shade, 0.0) * visible
@@ -280,7 +288,37 @@ class ObjectPainter:
         used = (step != 0) | (cover != 0)
         pixels = self._pixels(group.points, pose)
         outline = Outline(pixels[:, group.start[used]], pixels[:, group.end[used]], step[used], cover[used])
-        return filled_layer(outline, self._width, self._height)
+        if printed is not None:
+            outline = self._with_print(outline, printed, value / _ALBEDO, pose)
+        layer = filled_layer(outline, self._width, self._height)
+        if layer is not None and self._gloss is not None:
+            self._gloss.add(layer, number, visible[:-1].astype(bool), pose)
+        return layer
+
+    def _with_print(
+        self,
+        outline: Outline,
+        printed: PrintLines,
+        shade: NDArray[np.float64],
+        pose: tuple[NDArray[np.float64], NDArray[np.float64]],
+    ) -> Outline:
+        """Outline of a group of faces with the lines of its print.
+
+        Args:
+            outline: boundary lines of the faces.
+            printed: print of the group.
+            shade: (f + 1,) shading factor of each face, 0 for those that are not seen.
+            pose: positions (k, 3) [m] and rotations (k, 3, 3) of the poses.
+        """
+        step = printed.step * (shade[printed.face] - shade[printed.other_face])
+        seen = step != 0
+        step = step[seen]
+        return Outline(
+            np.concatenate([outline.start, self._pixels(printed.start[seen], pose)], axis=1),
+            np.concatenate([outline.end, self._pixels(printed.end[seen], pose)], axis=1),
+            np.concatenate([outline.value, step]),
+            np.concatenate([outline.cover, np.zeros(len(step))]),
+        )
 
 
 def _within_table(points: NDArray[np.float64]) -> NDArray[np.float64]:

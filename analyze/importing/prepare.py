@@ -43,7 +43,7 @@ from analyze.importing.windows import (
 )
 from analyze.pipeline.object_markers import placed_markers
 from analyze.progress import Progress, no_progress
-from analyze.reading.object_file import read_object_files
+from analyze.reading.object_file import ObjectFiles, read_object_files
 from analyze.sources.open_source import open_source
 from analyze.sources.source import Frames, FrameSource
 from analyze.sources.video import VideoSource
@@ -82,6 +82,8 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
     struck = None if options.plan_path is None else read_plan(options.plan_path, files)
     if struck is None:
         refuse_unplanned(options, files.spec)
+    # Where an untagged object begins to tip is seen when it is followed.
+    options = replace(options, whole=options.whole or not files.spec.marker)
     given = None if options.camera_path is None else read_camera(options.camera_path)
     with ExitStack() as stack:
         sources = tuple(map(open_source, options.sources, options.source_options()))
@@ -107,6 +109,7 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
             )
         tips, markers = found_tips(clips, splits), placed_markers(files.spec)
         seen = see_tips(markers, camera, images, clips, tips, progress, options.mat_ruler_mm)
+        _refuse_unplaced_camera(options, files, camera, seen)
         mat = mat_cameras(seen.mats, [tip.name for tip in tips], camera, camera_from_spec(camera.calibration))
         camera, seen = _placed_by_mat(mat, camera, seen)
         views = [view_by_placed_tag(each, markers) for each in seen.tags]
@@ -159,6 +162,17 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
             place,
             mat,
             stack.pop_all(),
+        )
+
+
+def _refuse_unplaced_camera(
+    options: ImportOptions, files: ObjectFiles, camera: CameraFile, seen: SeenTips
+) -> None:
+    """Refuse an untagged object before a camera whose pose neither its file nor a mat shows."""
+    if not files.spec.marker and not camera.placed and not any(seen.mats):
+        raise ImportRefused(
+            f"{options.object_path}: has no tag, so that only a mat on the table (`analyze print-tags "
+            "--mat`) or a camera file with a pose (`analyze calibrate --upright`) shows the camera's place"
         )
 
 

@@ -127,7 +127,13 @@ class PreparedImport:
 
     def _unplaced_tags(self) -> Iterator[str]:
         """Yield a remark if no tag has a place on the object: videos are only checked against each other."""
-        if all(marker.T_object_marker is None for marker in self.object.spec.marker):
+        markers = self.object.spec.marker
+        if not markers and self.sources:
+            yield (
+                "the object has no tag: strikes are followed by its print, and nothing checks that each "
+                "source shows the strike named beside it"
+            )
+        elif all(marker.T_object_marker is None for marker in markers):
             yield (
                 "the object file has no place of a tag (T_object_marker), so that videos are only checked "
                 "against each other: `analyze register` finds the places, and names a strike that was placed "

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 _MAX_NOISE_TO_SEE_CREEP = math.radians(0.2)
 """largest noise of a frame's angle [rad] at which a creeping edge can be distinguished from noise"""
+_MOVED_SIGMAS = 5.0
+"""ratio of the edge's motion to the slow error of its place from which on the edge has moved"""
 _MAX_EDGE_NOISE = 1.5
 """largest ratio of the residuals' scatter to the angle's own noise that is attributed to the noisy position
 of the edge"""
@@ -72,7 +74,10 @@ def balance_instead_of_hinge(
         planned: the planned strike, with predicted phi and the radius of the pivot edge's rounding.
         limits: limits of a moved edge and of a jump in speed.
     """
-    moved = max(edge.slide_range, edge.lift_range) >= limits.edge_moved
+    slow_sd = edge.motion.slow_place_sd
+    moved = max(edge.slide_range, edge.lift_range) >= max(limits.edge_moved, _MOVED_SIGMAS * slow_sd)
+    if slow_sd and not moved:
+        return None, ""
     noise = float(np.median(edge.motion.angle.sd[slice(*window)]))
     if not moved and (hinge is None or noise > _MAX_NOISE_TO_SEE_CREEP):
         return None, ""

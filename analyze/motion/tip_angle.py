@@ -106,6 +106,8 @@ class PlanarMotion:
     [rad]; None if unknown"""
     roll_sd: Array | None = None
     """(n,) standard deviation of `roll` [rad]"""
+    slow_place_sd: float = 0.0
+    """standard deviation of slow errors of slip and lift [m], below which a motion of the edge is not seen"""
 
 
 @dataclass(frozen=True)

@@ -55,6 +55,7 @@ from analyze.pipeline.surface_error import SurfaceError
 from analyze.pipeline.tosses import FlightAnswer
 from analyze.pipeline.what_ifs import estimate_alternatives
 from analyze.planning.stable_planes import resting_planes
+from analyze.tracking.print_likeness import PrintDifference, PrintedSurface
 from analyze.types import EquiPlane
 
 if TYPE_CHECKING:
@@ -140,6 +141,8 @@ class Estimate:
     marker on it is known"""
     surface_error: SurfaceError | None
     """error of the shape's faces, assumed and estimated; None if the object file states it"""
+    print_differences: tuple[PrintDifference, ...]
+    """pairs of strikes used that show different print on one face, so that one was placed otherwise"""
     contents: LooseContents
     """tests whether the body that tipped is rigid, and its centre of mass by pose"""
     fixture: FixtureEstimate | None = None
@@ -244,6 +247,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         surface_error=solved.surface_error,
         fixture=solved.fixture,
         contents=loose_contents(solved, options),
+        print_differences=_print_differences(solved),
         flight=solved.flight,
     )
 
@@ -255,6 +259,18 @@ def _by_paper(solved: SolvedStrikes) -> tuple[PaperEstimate | None, CentreDiffer
     paper, planes = paper_estimate(solved.evidence, solved.used, solved.struck_cells, solved.scale)
     alone = paper_alone(paper, solved.struck, solved.bare, solved.evidence.model)
     return alone, centre_difference(paper.com, planes, solved.struck.com, solved.prior)
+
+
+def _print_differences(solved: SolvedStrikes) -> tuple[PrintDifference, ...]:
+    """Pairs of the strikes used that show different print where the plan puts one face before the camera."""
+    reports = {motion.strike_id: solved.evidence.tracking.get(motion.strike_id) for motion in solved.used}
+    views = {
+        name: report.rest_view
+        for name, report in reports.items()
+        if report is not None and report.rest_view is not None
+    }
+    model = solved.evidence.model
+    return PrintedSurface(model.vertices, model.faces).differences(views) if len(views) > 1 else ()
 
 
 def _labelled_parts(

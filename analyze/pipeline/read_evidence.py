@@ -17,8 +17,8 @@ from analyze.flight.toss import TossMotion
 from analyze.geometry.bodies import bodies_of
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.geometry.station import turned_camera
+from analyze.motion.print_motion import analyse_images
 from analyze.motion.slow_motion import slow_motion_ratio, slow_motion_text
-from analyze.motion.strike import analyse_strike
 from analyze.motion.strike_task import StrikeTask
 from analyze.pipeline.evidence import (
     Evidence,
@@ -38,7 +38,7 @@ from analyze.progress import Progress
 from analyze.reading.object_file import read_object_files
 from analyze.reading.recording import Recording, open_recording
 from analyze.tracking.camera_model import camera_of_strike
-from analyze.tracking.track import TrackingReport, track_markers
+from analyze.tracking.track import TrackingReport
 from analyze.types import Marker, TipMotion
 from schemas.object_spec import ObjectSpec, object_sha256
 from schemas.proto import percuss_pb2 as pb
@@ -313,20 +313,21 @@ def _strike(
     calibration = recording.manifest.cameras[0].calibration
     camera = turned_camera(camera_of_strike(calibration, record.T_world_camera), planned.heading_rad)
     frames = recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns)
-    report = track_markers(frames, camera, markers, planned.visible_markers)
     task = StrikeTask(
         record.strike_id,
         planned,
         record.contact_time_ns,
-        report.images_end_ns,
+        None,
         rolling_outline(struck.model, planned),
         next_face_angle(struck.model, planned),
-        report.unmarked_ns,
+        None,
         strike_supports(struck.model, planned),
         tuple(struck.plan.strikes),
         scanned_edge_sd(struck.spec, struck.model, planned),
     )
-    motion = analyse_strike(report.tracks, markers, camera, task)
+    motion, report = analyse_images(
+        frames, camera, markers, (struck.model.vertices, struck.model.faces), task
+    )
     manifest = recording.manifest
     if manifest.time_source is not TimeSource.CONTAINER_PTS:
         return motion, report

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from analyze.geometry.object_model import ObjectModel
     from analyze.motion.support_function import SupportFunction
-    from analyze.types import Array, SupportLine
+    from analyze.types import Array, IntArray, SupportLine
     from schemas.object_spec import ObjectSpec
     from schemas.strike_plan import PlannedStrike
 
@@ -207,13 +207,22 @@ class MeshSections:
 
     def hull_vertices(self) -> Array | None:
         """Vertices (n, 3) of the object's convex hull [m], in O; None for a cloud or an unavailable shape."""
-        if self._spec.shape.file is None:
-            try:
-                return load_object_model(self._spec, None, self._spec.name).hull_vertices
-            except ShapeError:
-                return None
-        model = self._loaded()
+        model = self._primitive_or_mesh()
         return None if model is None else model.hull_vertices
+
+    def surface(self) -> tuple[Array, IntArray] | None:
+        """Vertices (v, 3) [m], in O, and triangles (t, 3); None for a cloud or an unavailable shape."""
+        model = self._primitive_or_mesh()
+        return None if model is None else (model.vertices, model.faces)
+
+    def _primitive_or_mesh(self) -> ObjectModel | None:
+        """The object's exterior, also of a primitive, or None."""
+        if self._spec.shape.file is not None:
+            return self._loaded()
+        try:
+            return load_object_model(self._spec, None, self._spec.name)
+        except ShapeError:
+            return None
 
     def _loaded(self) -> ObjectModel | None:
         """The object's exterior, loaded at the first call; None if it was not available at that call."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from analyze.errors import ShapeError
 from schemas.document import DocumentError
 from schemas.input_file import read_bytes
-from schemas.object_spec import ObjectSpec, object_sha256, read_object_spec, read_untagged_object_spec
+from schemas.object_spec import ObjectSpec, object_sha256, read_object_spec
 
 SHAPE_SUFFIXES = frozenset(
     {".stl", ".obj", ".ply", ".glb", ".gltf", ".3mf", ".pcd", ".xyz", ".las", ".laz", ".step", ".stp"}
@@ -57,23 +57,6 @@ def read_object_files(spec_path: Path) -> ObjectFiles:
             be used.
     """
     return _with_shape(read_spec(spec_path), spec_path)
-
-
-def read_untagged_object_files(spec_path: Path) -> ObjectFiles:
-    """Read an object specification that need not list any marker, and the shape file that it names.
-
-    Returns:
-        As `read_object_files`; the list of markers may be empty.
-
-    Raises:
-        ShapeError: either file is missing or cannot be read, or the specification holds an entry that cannot
-            be used.
-    """
-    _refuse_shape_file(spec_path)
-    try:
-        return _with_shape(read_untagged_object_spec(spec_path), spec_path)
-    except DocumentError as error:
-        raise ShapeError(str(error)) from None
 
 
 def _refuse_shape_file(path: Path) -> None:

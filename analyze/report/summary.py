@@ -18,6 +18,7 @@ from analyze.result.headline import Headline, edge_labels, further_warnings, hea
 from analyze.result.radius import radius_lines
 from analyze.result.tilt import tilt_lines
 from schemas.result import Filling, Parts, Result
+from schemas.strike_result import FollowedBy
 from schemas.terminal import Terminal, styled
 from schemas.toss_result import TossVerdict
 from schemas.wording import counted
@@ -134,7 +135,9 @@ def _poses(rows: Sequence[tuple[str, ...]]) -> Table:
 
 
 def _strikes(result: Result, unit: ScaledUnit) -> Table:
-    table = Table(title="Strikes, 95 %", title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    by_print = any(strike.followed_by is FollowedBy.PRINT for strike in result.strikes)
+    title = "Strikes, followed by the object's own print, 95 %" if by_print else "Strikes, 95 %"
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for name in ("strike", "axis", "verdict"):
         table.add_column(name, no_wrap=True)
     for name in ("φ\n(°)", f"I_edge\n({unit.label})", "plane\n(mm)", "share"):

@@ -10,6 +10,7 @@ from analyze.least_squares.intervals import SIGMAS_95
 from analyze.result.agreements import estimator_difference_text
 from analyze.result.contents import contents_text
 from analyze.result.frame_times import wrong_text
+from analyze.result.print_differences import print_text
 from analyze.result.radius import refuted_radius_text
 from analyze.result.trust import quantity_sentences
 from analyze.result.unchecked import unchecked_text
@@ -65,7 +66,12 @@ def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> li
         estimate,
         regions_text(estimate.distribution, estimate.inertial.mass),
         sound=not (
-            not_rigid or suspected or outside or moments_doubted or (gravity_doubted and not one_axis)
+            not_rigid
+            or suspected
+            or estimate.print_differences
+            or outside
+            or moments_doubted
+            or (gravity_doubted and not one_axis)
         ),
         moments_sound=not one_axis,
     )
@@ -73,6 +79,7 @@ def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> li
     if not_rigid or suspected:
         advice = f"; {NOT_RIGID_ADVICE}" if not_rigid else ""
         found.append(f"doubt everything: {contents_text(estimate.contents)}{advice}")
+    found += [f"doubt everything: {print_text(each)}" for each in estimate.print_differences[:1]]
     found += [each for each in by_quantity if each.startswith("trust")]
     found += [
         f"doubt the frame rate: {wrong_text(each)}; this answer does not use it, and is less certain than"

@@ -63,7 +63,8 @@ def contents_text(contents: LooseContents, half_extent: float | None = None) -> 
             unseen = f"liquid below {_percent(rigidity.share)} of the mass"
             if half_extent is not None:
                 shift = 2e3 * rigidity.share * half_extent
-                unseen += f", which may shift the centre of mass by up to {shift:.1g} mm from pose to pose"
+                text = f"{shift:.0f}" if shift > 1 else f"{shift:.1g}"
+                unseen += f", which may shift the centre of mass by up to {text} mm from pose to pose"
             return f"nothing moves that would show ({unseen})"
         case Answer.NOT_TESTED if rigidity.energies.unexplained:
             return f"not tested: {UNEXPLAINED}"

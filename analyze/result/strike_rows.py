@@ -86,6 +86,7 @@ def strike_result(
         heading_rad=planned.heading_rad,
         verdict=motion.verdict,
         reason=motion.reason,
+        followed_by=motion.followed_by,
         used=index is not None,
         information_share=0.0 if index is None else float(com.weights[index]),
         energy_ratio=motion.energy_ratio,

@@ -14,6 +14,7 @@ from analyze.result.assessment import MAX_OUTSIDE_SD, gravity_text, prediction_t
 from analyze.result.contents import contents_text
 from analyze.result.flight import flight_warnings, size_text, tosses_used
 from analyze.result.frame_times import unchecked_text, wrong_text
+from analyze.result.print_differences import print_text
 from analyze.result.strike_warnings import (
     MIN_STRIKES_FOR_OUTLIERS,
     fit_warnings,
@@ -57,6 +58,7 @@ def result_warnings(estimate: Estimate, frame_times: Sequence[FrameTimes]) -> li
     return [
         *_recording_warnings(estimate),
         *_contents_warnings(estimate),
+        *_print_warnings(estimate),
         *_choice_warnings(estimate),
         *_centre_warnings(estimate),
         *_rate_warnings(estimate.evidence, frame_times),
@@ -112,6 +114,12 @@ def _contents_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
     """Yield a warning that something moves inside the struck body, with the evidence."""
     if estimate.contents.not_rigid:
         yield warning(WarningCode.NOT_RIGID, contents_text(estimate.contents))
+
+
+def _print_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
+    """Yield a warning for each pair of strikes that show different print on one face."""
+    for each in estimate.print_differences:
+        yield warning(WarningCode.PRINT_DIFFERS, print_text(each))
 
 
 def _choice_warnings(estimate: Estimate) -> Iterator[ResultWarning]:

@@ -16,6 +16,7 @@ from analyze.tracking.edges import find_square, refit_square
 from analyze.tracking.marker import Sighting, detect, families_of, is_marker, marker_of_other_family
 from analyze.tracking.marker_path import FoundMarker, MarkerPath, marker_spread
 from analyze.tracking.pose import choose_by_motion, solve_poses
+from analyze.tracking.print_likeness import RestView
 from analyze.tracking.rolling_shutter import corners_at_one_time, delays_by_frame, row_delay_s
 from analyze.types import MarkerTrack
 from schemas.tags import family_and_id, name_order
@@ -50,6 +51,8 @@ class TrackingReport:
     there was only one image)"""
     image_times_ns: IntArray
     """(n,) log times of all images that were searched [ns]"""
+    rest_view: RestView | None = None
+    """the object at rest, where it is followed by its print; None with markers"""
 
     @property
     def unmarked_ns(self) -> IntArray:

@@ -29,12 +29,12 @@ def shape(object_file: Path, output: Path | None, as_json: bool) -> None:
     """Check the shape of OBJECT (TOML): size, volume, density, and what was repaired in its shape file."""
     from analyze.geometry.object_model import load_object_model
     from analyze.planning.view import refuse_off_surface
-    from analyze.reading.object_file import read_untagged_object_files
+    from analyze.reading.object_file import read_object_files
     from schemas.output_file import write_bytes
     from schemas.wording import counted
 
     refuse_outputs([output], inputs=[object_file])
-    files = read_untagged_object_files(object_file)
+    files = read_object_files(object_file)
     if files.spec.shape.file is not None:
         refuse_outputs([output], inputs=[object_file.parent / files.spec.shape.file])
     model = load_object_model(files.spec, files.shape_bytes, files.shape_name)

@@ -89,6 +89,7 @@ def test_no_option_of_either_command_accepts_nan() -> None:
         "countdown_s",
         "capture_fps_sd",
         "mat_ruler_mm",
+        "friction",
         "energy",
         "bodies",
         "gravity",

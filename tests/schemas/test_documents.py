@@ -156,7 +156,7 @@ def test_invalid_objects_give_one_line_that_names_the_entry(old, new, says):
             "mass_kg = 1\n[shape.box]\nsize_m = [1, 1, 1]\n",
             (
                 "missing: add name = ... (name of the object), mass_sd_kg = ... (1 sigma of the mass, in "
-                "kilograms: the scale's error), [[marker]] (for each tag"
+                "kilograms: the scale's error)"
             ),
         ),
         (
@@ -196,7 +196,8 @@ def test_invalid_objects_give_one_line_that_names_the_entry(old, new, says):
             "marker = 3\n",
             (
                 "marker: should be [[marker]] (for each tag on the object: id, size_m, and "
-                "T_object_marker if its place is known), not 3"
+                "T_object_marker if its place is known; none if the object is followed by its own print), "
+                "not 3"
             ),
         ),
     ],

@@ -10,13 +10,13 @@ import numpy as np
 from analyze.errors import AnalyzeError
 from analyze.geometry.station import turned_camera
 from analyze.motion.contact_time import contact_time
+from analyze.motion.print_motion import analyse_images
 from analyze.motion.scene import at_rest, check_placement, read_scene
-from analyze.motion.strike import analyse_strike, verdict_of
+from analyze.motion.strike import verdict_of
 from analyze.motion.strike_task import StrikeTask
 from analyze.pipeline.sections import MeshSections
 from analyze.tracking.camera_model import pixel_map
 from analyze.tracking.marker import families_of
-from analyze.tracking.track import track_markers
 from analyze.verbs.watch.curve import strike_curve
 from analyze.verbs.watch.wanted_place import WantedPlace
 from schemas.strike_result import Verdict
@@ -146,7 +146,7 @@ class Observer:
         ]
         still = at_rest(self._scenes)
         error, text = None, ""
-        if self._expected is not None:
+        if self._expected is not None and self._markers:
             check = check_placement(
                 scene, self._by_id, turned_camera(self._camera, self._expected.heading_rad), self._expected
             )
@@ -179,22 +179,21 @@ class Observer:
             return unreadable(request, f"the plan has no strike {request.plan_strike_id!r}: it has {known}")
         try:
             camera = turned_camera(self._camera, planned.heading_rad)
-            report = track_markers(self._window(request), camera, self._markers, planned.visible_markers)
-            section = None if self._sections is None else self._sections.outline(planned)
-            landing_angle_rad = None if self._sections is None else self._sections.landing_angle_rad(planned)
+            known = self._sections
             task = StrikeTask(
                 request.strike_id,
                 planned,
                 request.contact_time_ns,
-                report.images_end_ns,
-                section,
-                landing_angle_rad,
-                report.unmarked_ns,
-                None if self._sections is None else self._sections.supports(planned),
+                None,
+                None if known is None else known.outline(planned),
+                None if known is None else known.landing_angle_rad(planned),
+                None,
+                None if known is None else known.supports(planned),
                 tuple(self._strikes.values()),
-                0.0 if self._sections is None else self._sections.edge_sd(planned),
+                0.0 if known is None else known.edge_sd(planned),
             )
-            motion = analyse_strike(report.tracks, self._markers, camera, task)
+            shape = None if known is None or self._markers else known.surface()
+            motion, _ = analyse_images(self._window(request), camera, self._markers, shape, task)
         except AnalyzeError as error:
             return unreadable(request, str(error))
         contact = contact_time(motion.fit) if motion.fit else None

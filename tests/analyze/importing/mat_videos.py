@@ -63,10 +63,16 @@ def filmed_on_mat(bump_m: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Itera
 
 
 def write_strikes(
-    folder: Path, numbers: list[int], bumps: dict[int, tuple[float, float, float]], rate_hz: int = RATE_HZ
+    folder: Path,
+    numbers: list[int],
+    bumps: dict[int, tuple[float, float, float]],
+    rate_hz: int = RATE_HZ,
+    *,
+    tags: bool = True,
 ) -> dict[str, np.ndarray]:
     """Write camera file and videos of some of the sample plan's strikes; return each one's camera pose."""
     spec = tomllib.loads((PHONE / "teabox.toml").read_text(encoding="utf-8"))
+    spec["marker"] = spec["marker"] if tags else []
     plan = json.loads((PHONE / "plan.json").read_text(encoding="utf-8"))
     random = np.random.default_rng(11)
     sides = renderer.box_sides(spec, random)

@@ -8,7 +8,7 @@ import pytest
 
 from analyze.errors import ShapeError
 from analyze.geometry.object_model import load_object_model
-from analyze.reading.object_file import read_object_files, read_untagged_object_files
+from analyze.reading.object_file import read_object_files
 from tests.analyze.geometry.shapes import box_triangles, stl
 
 OBJECT = """\
@@ -36,19 +36,16 @@ def test_a_missing_object_file_is_named(tmp_path: Path) -> None:
         read_object_files(tmp_path / "c.toml")
 
 
-def test_a_shape_needs_no_marker_but_a_plan_does(tmp_path: Path) -> None:
+def test_an_object_needs_no_marker(tmp_path: Path) -> None:
     (tmp_path / "b.toml").write_text(OBJECT.partition("[[marker]]")[0])
     (tmp_path / "b.stl").write_bytes(stl(box_triangles([60.0, 50.0, 200.0])))
-    assert read_untagged_object_files(tmp_path / "b.toml").spec.marker == []
-    with pytest.raises(ShapeError, match=r"missing: add \[\[marker\]\] \(for each tag on the object"):
-        read_object_files(tmp_path / "b.toml")
+    assert read_object_files(tmp_path / "b.toml").spec.marker == []
 
 
-@pytest.mark.parametrize("read", [read_object_files, read_untagged_object_files])
-def test_a_shape_file_in_place_of_the_object_file_is_named(tmp_path: Path, read) -> None:
+def test_a_shape_file_in_place_of_the_object_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "b.stl").write_bytes(stl(box_triangles([60.0, 50.0, 200.0])))
     with pytest.raises(ShapeError, match=r'is a shape file, not an object file: .* file = "b\.stl"'):
-        read(tmp_path / "b.stl")
+        read_object_files(tmp_path / "b.stl")
 
 
 def test_a_line_that_is_not_toml_is_quoted(tmp_path: Path) -> None:

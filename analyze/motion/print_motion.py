@@ -1,0 +1,313 @@
+"""Motion of a strike by the object's own print: template at rest, tracking, and the pose at rest with them.
+
+A hand puts an object down a degree and a few millimetres off its planned pose. The frames of the tip show
+the turn about the vertical and the distance from the camera, which are fitted with the motion; the place
+along the image does not matter.
+"""
+
+# numpy and cv2 are only partly typed.
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.errors import TrackingError
+from analyze.motion.settings import MotionSettings
+from analyze.motion.strike import analyse_motion, analyse_strike, placement_of
+from analyze.motion.tip_angle import PlanarMotion
+from analyze.tracking.camera_model import project_ideal, world_to_camera
+from analyze.tracking.print_follower import ROLL, THETA, YAW, PrintFollower, X, Z
+from analyze.tracking.print_likeness import RestView
+from analyze.tracking.print_template import IdealImages, print_template
+from analyze.tracking.track import TrackingReport, track_markers
+from analyze.types import TipAngle
+from schemas.strike_result import FollowedBy
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
+
+    from analyze.motion.strike_task import StrikeTask
+    from analyze.motion.tip_angle import Placement
+    from analyze.tracking.print_follower import PrintPose
+    from analyze.types import Array, CameraModel, ImageFrame, IntArray, Marker, TipMotion
+
+REST_SD = np.array([math.radians(1.5), 3e-3, 3e-3])
+"""1 sigma of the pose at rest against the plan: turn about W's z [rad], place along x and y [m]"""
+_WORSE = 0.98
+"""share of the print explained, over the best so far, below which a correction at rest was wrong"""
+REST_STEPS = 2
+"""number of corrections of the pose at rest, each with the strike tracked again"""
+_REST_CONVERGED = np.array([math.radians(0.02), np.inf, 2e-4])
+"""correction of the pose at rest below which the strike is not tracked again"""
+MAX_THETA_SD = math.radians(0.1)
+"""largest standard deviation of theta in one frame at rest [rad]: above it the print is too poor"""
+BIAS_SD = math.radians(0.03)
+"""1 sigma of theta's error that neighbouring frames share: grey values between pixels, light, the pose at
+rest"""
+PLACE_SD = 0.25e-3
+"""1 sigma of slow errors of slip and lift [m], as of theta"""
+BIAS_PER_MISFIT, PLACE_PER_MISFIT = math.radians(0.5), 4e-3
+"""1 sigma of further slow errors of theta [rad] and of slip and lift [m], per share of the print that moving
+frames do not explain: highlights, shadows and coding"""
+_REST_BEFORE_CONTACT_NS = 4_000_000
+"""time before the contact by which a resting frame's exposure must have ended [ns]"""
+_TRACKED_REST = 30
+"""largest number of frames at rest that are tracked; all serve for the template"""
+_AROUND_PX = 20
+"""pixels around the object in its view at rest"""
+_LEAST_REST = 3
+"""least number of frames at rest"""
+_MOVED_NOISE = 4.0
+"""median change of grey against the first images, over its scatter, from which on the object moves"""
+_LEAST_EXPLAINED = 0.6
+"""share of the print that a frame must explain, over that at rest, to count"""
+
+
+def analyse_images(
+    frames: Iterable[ImageFrame],
+    camera: CameraModel,
+    markers: list[Marker],
+    shape: tuple[Array, IntArray] | None,
+    task: StrikeTask,
+) -> tuple[TipMotion, TrackingReport]:
+    """Analyse one strike from its images: by the object's markers, without any by its own print.
+
+    Args:
+        frames: images of the strike's window, in order of time.
+        camera: camera with its pose in W.
+        markers: markers of the object.
+        shape: vertices (v, 3) in O [m] and triangles (t, 3) of the object; needed without markers.
+        task: the strike as planned and as carried out; what the images show of it is filled in.
+
+    Returns:
+        Motion with phases, fits and verdict, and report on the tracking.
+
+    Raises:
+        TrackingError: markers cannot be used, fewer than three images show the object at rest, or the print
+            is too poor to show the tip.
+    """
+    if markers:
+        report = track_markers(frames, camera, markers, task.planned.visible_markers)
+        task = replace(task, images_end_ns=report.images_end_ns, unmarked_ns=report.unmarked_ns)
+        return analyse_strike(report.tracks, markers, camera, task), report
+    if shape is None:
+        raise TrackingError("the object has no tags, and its shape is not known yet: it cannot be followed")
+    images = list(frames)
+    times_ns = np.array([frame.time_ns for frame in images], dtype=np.int64)
+    motion, view = print_motion(images, camera, shape, placement_of(task.planned), task.contact_time_ns)
+    report = TrackingReport((), (), times_ns, view)
+    analysed = analyse_motion(motion, replace(task, images_end_ns=report.images_end_ns), MotionSettings())
+    return replace(analysed, followed_by=FollowedBy.PRINT), report
+
+
+def print_motion(
+    frames: Sequence[ImageFrame],
+    camera: CameraModel,
+    shape: tuple[Array, IntArray],
+    placement: Placement,
+    contact_time_ns: int,
+) -> tuple[PlanarMotion, RestView]:
+    """Motion of a strike from its images by the print that the camera sees at rest.
+
+    Args:
+        frames: images of the strike's window, in order of time.
+        camera: camera with its pose in W.
+        shape: vertices (v, 3) in O [m] and triangles (t, 3) of the object.
+        placement: planned pose of the object and pivot.
+        contact_time_ns: log time of the contact [ns]; 0 if unknown.
+
+    Returns:
+        Tipping angle, slip and lift of the pivot in every frame in which the print was found; and the object
+        at rest.
+
+    Raises:
+        TrackingError: fewer than three images at rest, or a print too poor to show the tip.
+    """
+    images = IdealImages(camera)
+    rested = _frames_at_rest(frames, contact_time_ns)
+    rest = [images.ideal(frame.image) for frame in frames[:rested]]
+    frames = frames[max(0, rested - _TRACKED_REST) :]
+    rested = min(rested, _TRACKED_REST)
+    pivot = placement.R_world_object @ placement.p_object_pivot + placement.p_world_object
+    times_s = 1e-9 * np.array([frame.time_ns - frames[0].time_ns for frame in frames])
+    interval_s = float(np.median(np.diff(times_s)))
+    turned = np.zeros(3)
+    unknown: list[None] = [None] * len(frames)
+    starts: Sequence[Array | None] = unknown
+    rates: Sequence[float | None] = unknown
+    best: tuple[float, Array, list[PrintPose]] | None = None
+    for step in range(REST_STEPS + 1):
+        # Where the object was put down otherwise, so was its edge: the camera is moved instead.
+        before = _moved_camera(camera, pivot, turned)
+        pose = placement.R_world_object, placement.p_world_object
+        template = print_template(rest, before, *shape, pose)
+        _refuse_unseen(template.faces)
+        follower = PrintFollower(template, before, images, pivot, placement.radius, interval_s)
+        if step == 0:
+            _refuse_vague(follower.theta_sd())
+        poses = [
+            follower.add(frame.image, starts[number], rates[number]) for number, frame in enumerate(frames)
+        ]
+        explained = float(np.mean([pose.explained for pose in poses]))
+        if best is None or explained > best[0]:
+            best = explained, turned, poses
+        elif explained < _WORSE * best[0]:
+            # Too far: half the way back.
+            turned, starts = 0.5 * (turned + best[1]), unknown
+            continue
+        correction = _rest_correction(poses[rested:], turned)
+        if np.all(np.abs(correction) < _REST_CONVERGED):
+            break
+        turned = turned + correction
+        rates = np.gradient([pose.x[THETA] for pose in poses], times_s).tolist()
+        starts = [pose.x + pose.by_rest @ correction if pose.explained > 0 else None for pose in poses]
+    assert best is not None  # noqa: S101 - there is a step
+    seen_by = _moved_camera(camera, pivot, best[1])
+    view = _rest_view(rest, seen_by, shape[0], placement)
+    return _planar(frames, best[2], rested, camera, float(best[1][0])), view
+
+
+def _rest_view(
+    rest: Sequence[NDArray[np.float32]], camera: CameraModel, vertices: Array, placement: Placement
+) -> RestView:
+    """Mean image of the object at rest, cut out around it."""
+    R, p = placement.R_world_object, placement.p_world_object
+    R_camera, t = world_to_camera(camera)
+    pixels = project_ideal(camera, (vertices @ R.T + p) @ R_camera.T + t)
+    size = np.array([camera.width, camera.height])
+    low = np.clip(np.floor(pixels.min(axis=0) - _AROUND_PX), 0, size - 1).astype(int)
+    high = np.clip(np.ceil(pixels.max(axis=0) + _AROUND_PX), low + 1, size).astype(int)
+    mean = np.mean([image[low[1] : high[1], low[0] : high[0]] for image in rest], axis=0)
+    return RestView(np.rint(mean).astype(np.uint8), (int(low[0]), int(low[1])), camera, R, p)
+
+
+def _frames_at_rest(frames: Sequence[ImageFrame], contact_time_ns: int) -> int:
+    """Number of the first frames in which the object is at rest.
+
+    Without a known contact these are the frames before the grey values change by more than noise.
+
+    Raises:
+        TrackingError: there are fewer than three.
+    """
+    if contact_time_ns:
+        count = sum(frame.time_ns < contact_time_ns - _REST_BEFORE_CONTACT_NS for frame in frames)
+    else:
+        count = _frames_before_change(frames)
+    if count < _LEAST_REST:
+        raise TrackingError(
+            f"{count} images show the object at rest, {_LEAST_REST} are needed: start the recording earlier"
+        )
+    return count
+
+
+def _frames_before_change(frames: Sequence[ImageFrame]) -> int:
+    """Number of frames before the grey values change by more than noise, twice in a row."""
+    if len(frames) < 2 * _LEAST_REST:
+        return 0
+    small = np.array([frame.image[::4, ::4].astype(np.float32) for frame in frames])
+    first = small[:_LEAST_REST].mean(axis=0)
+    change = np.quantile(np.abs(small - first), 0.98, axis=(1, 2))
+    moving = change > _MOVED_NOISE * np.median(change[:_LEAST_REST])
+    both = moving[:-1] & moving[1:]
+    return max(int(np.argmax(both)) - 1, 0) if both.any() else len(frames)
+
+
+def _moved_camera(camera: CameraModel, pivot: Array, turned: Array) -> CameraModel:
+    """Camera as seen from an object that was turned about W's z at the pivot, and shifted along x and y."""
+    cos, sin = math.cos(turned[0]), math.sin(turned[0])
+    R = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    pose = np.eye(4)
+    pose[:3, :3] = R.T @ camera.T_world_camera[:3, :3]
+    shift = np.array([turned[1], turned[2], 0.0])
+    pose[:3, 3] = R.T @ (camera.T_world_camera[:3, 3] - pivot - shift) + pivot
+    return replace(camera, T_world_camera=pose)
+
+
+def _rest_correction(poses: Sequence[PrintPose], turned: Array) -> Array:
+    """Change (3,) of the pose at rest by the frames in motion, about its present difference from the plan."""
+    gradient = sum((pose.shared[1] for pose in poses), -turned / REST_SD**2)
+    return np.asarray(np.linalg.solve(_rest_information(poses, 1.0), gradient), dtype=np.float64)
+
+
+def _rest_information(poses: Sequence[PrintPose], share: float) -> Array:
+    """Information (3, 3) about the pose at rest: the plan's, and a share of that of the frames in motion."""
+    return share * sum((pose.shared[0] for pose in poses), np.zeros((3, 3))) + np.diag(REST_SD**-2.0)
+
+
+def _theta_sd_by_rest(poses: Sequence[PrintPose], rested: int) -> float:
+    """Standard deviation of theta [rad] by the uncertainty of the pose at rest, in the frame it affects most.
+
+    The frames share the noise of the template, so that they count no more than the images at rest do.
+    """
+    moving = [pose for pose in poses[rested:] if pose.explained > 0]
+    if not moving:
+        return 0.0
+    covariance = np.linalg.inv(_rest_information(moving, 1.0 / (1.0 + len(moving) / rested)))
+    change = np.array([pose.by_rest[THETA] for pose in moving]) - poses[0].by_rest[THETA]
+    return float(np.sqrt(np.einsum("ni,ij,nj->n", change, covariance, change).max()))
+
+
+def _refuse_unseen(faces: int) -> None:
+    if faces == 0:
+        raise TrackingError(
+            "no face of the object is in view where the plan puts it: check its placement and the camera"
+        )
+
+
+def _refuse_vague(theta_sd: float) -> None:
+    """Refuse a print that determines theta to less than `MAX_THETA_SD` in one image.
+
+    Raises:
+        TrackingError: the print is too poor.
+    """
+    if theta_sd > MAX_THETA_SD:
+        found = "blank" if math.isinf(theta_sd) else f"good to {math.degrees(theta_sd):.2f} deg only"
+        raise TrackingError(
+            f"the face in view has too little print ({found}, {math.degrees(MAX_THETA_SD):.1f} deg are needed"
+            " in a frame): stick on any sticker with print, or a tag"
+        )
+
+
+def _planar(
+    frames: Sequence[ImageFrame], poses: Sequence[PrintPose], rested: int, camera: CameraModel, yaw: float
+) -> PlanarMotion:
+    """Motion of the frames in which the print was found, against that at rest."""
+    explained = np.array([pose.explained for pose in poses])
+    kept = explained >= _LEAST_EXPLAINED * float(np.median(explained[:rested]))
+    kept[:rested] = True
+    x = np.array([pose.x for pose in poses])[kept]
+    covariance = np.array([pose.covariance for pose in poses])[kept]
+    misfit = 1.0 - float(np.median(explained[kept][rested:])) if kept.sum() > rested else 0.0
+    x = x - x[:rested].mean(axis=0)
+    single = np.sqrt(covariance[:, THETA, THETA])
+    # Noise that neighbouring pixels share: the scatter at rest knows it.
+    scatter = float(np.std(np.diff(x[:rested, THETA])) / math.sqrt(2.0)) if rested > 4 else np.inf
+    factor = min(1.0, max(scatter / float(np.median(single[:rested])), 0.3))
+    place = [THETA, X, Z]
+    off_axis = np.hypot(x[:, ROLL], x[:, YAW])
+    off_sd = np.sqrt(covariance[:, ROLL, ROLL] + covariance[:, YAW, YAW])
+    angle = TipAngle(
+        time_ns=np.array([frame.time_ns for frame in frames], dtype=np.int64)[kept],
+        theta=x[:, THETA],
+        sd=factor * single,
+        off_axis=off_axis,
+        slip=x[:, X],
+        zero_sd=math.hypot(0.5 * BIAS_SD, factor * float(np.median(single[:rested])) / math.sqrt(rested)),
+        slow_sd=math.hypot(BIAS_SD, BIAS_PER_MISFIT * misfit, _theta_sd_by_rest(poses, rested)),
+        strain_sd=camera.strain_sd,
+    )
+    planar = covariance[:, place][:, :, place] * factor**2
+    place_sd = math.hypot(PLACE_SD, PLACE_PER_MISFIT * misfit)
+    planar[:, 1:, 1:] += place_sd**2 * np.eye(2)
+    position_sd = np.sqrt(0.5 * (planar[:, 1, 1] + planar[:, 2, 2]))
+    motion = PlanarMotion(angle, x[:, Z], position_sd, off_sd, 0.0, planar)
+    return replace(
+        motion, yaw=yaw, slow_place_sd=place_sd, roll=x[:, ROLL], roll_sd=np.sqrt(covariance[:, ROLL, ROLL])
+    )

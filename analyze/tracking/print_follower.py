@@ -1,0 +1,374 @@
+"""Motion of an object by its own print, frame by frame: template and image are compared as grey values.
+
+Gauss-Newton with the template's gradients (Hager and Belhumeur 1998; Baker and Matthews 2004) over six
+unknowns of the body per frame, on two levels of blur. On each face the light is unknown: gain, level and a
+linear gradient are fitted with the pose, and drop out. Wrong pixels (a hand, a shadow, a highlight) lose
+their weight by Tukey's function.
+"""
+
+# numpy and cv2 are only partly typed.
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from analyze.tracking.camera_model import project_ideal, world_to_camera
+from analyze.tracking.print_equations import (
+    LEAST_NOISE,
+    PrintEquations,
+    contrast,
+    light_terms,
+    without_light,
+)
+from analyze.tracking.print_template import BLURS_PX, blurred
+from analyze.tracking.rolling_shutter import row_delay_s
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from analyze.tracking.print_template import Box, IdealImages, PrintTemplate
+    from analyze.types import Array, CameraModel
+
+THETA, ROLL, YAW, X, Y, Z = range(6)
+"""places of a frame's unknowns: tip about W's y, turns about W's x and z [rad], shift of the pivot [m]"""
+PRIOR_SD = np.array([np.inf, np.radians(0.05), np.radians(0.5), 5e-3, 1.5e-3, 3e-3])
+"""1 sigma of the unknowns about a pure tip: a camera that looks along the edge hardly sees roll, yaw and y"""
+_PRIOR = PRIOR_SD**-2.0
+_ITERATIONS = (6, 6)
+"""largest number of steps on each level"""
+_RENEWED = 3
+"""number of steps after which the derivatives are computed anew"""
+_CONVERGED_RAD, _CONVERGED_M = 1e-5, 3e-6
+"""step below which a level ends"""
+_LARGEST_STEP = np.array([0.05, 0.01, 0.02, 0.004, 0.004, 0.004])
+"""largest change of the unknowns in one step [rad, m]"""
+_TUKEY = 5.0
+"""residual over its robust scale at which a pixel loses its weight"""
+CORRELATED = (20.0, 3.0)
+"""number of points that count as one, as the blur correlates their noise, on each level"""
+_SEARCH_BELOW = 0.8
+"""mean weight of the points, over the usual one, below which other tips are tried"""
+_SEARCH_RAD, _SEARCH_STEP_RAD = (-0.064, 0.128), 0.008
+"""range of tips that are tried, against the predicted one, and their spacing [rad]"""
+_TRIED = 3
+"""number of the best of these that are fitted"""
+_LOST_BELOW = 0.6
+"""mean weight of the points, over the usual one, below which a frame has no fit"""
+_LEAST_STRENGTH = 2.0
+"""gradient from which on a point is print [grey/px]: shades of a facetted wall have less"""
+_LEAST_SEEN = 40
+"""number of points in view below which nothing is fitted"""
+_NOISES = 3.0
+"""residual over the noise, for a print without contrast, from which on a point is not explained"""
+_MARGIN_PX, _SEARCH_MARGIN_PX = 24, 90
+"""pixels around the points that are prepared for a fit, and for a search"""
+_OPEN_SD = np.array([1.0, 0.1, 0.1, 0.05, 0.05, 0.05])
+"""1 sigma of the unknowns of a frame without a fit [rad, m]"""
+
+
+@dataclass(frozen=True)
+class PrintPose:
+    """Unknowns of one frame, fitted to its image."""
+
+    x: Array
+    """(6,) unknowns, as in `THETA` to `Z`"""
+    covariance: Array
+    """(6, 6) their covariance, from the noise of the pixels and the priors"""
+    explained: float
+    """mean weight of the points, 1 where all fit"""
+    shared: tuple[Array, Array]
+    """information (3, 3) and gradient (3,) about the rest pose: turn about W's z [rad], shift along x and y
+    [m], with the frame's own unknowns fitted"""
+    by_rest: Array
+    """(6, 3) change of the unknowns by the rest pose"""
+
+
+class _View:
+    """Part of one image free of distortion, blurred level by level as it is needed."""
+
+    def __init__(self, images: IdealImages, image: NDArray[np.uint8], box: Box) -> None:
+        self._ideal = images.ideal(image, box)
+        self._origin = np.array([box[1].start, box[0].start])
+        self._levels: dict[int, NDArray[np.float32]] = {}
+
+    def at(self, pixels: Array, level: int) -> Array:
+        """Grey values (n,) at (n, 2) [px] of the whole image; pixels outside take the nearest value."""
+        if level not in self._levels:
+            self._levels[level] = blurred(self._ideal, BLURS_PX[level])
+        inner = (pixels - self._origin).astype(np.float32)
+        found = cv2.remap(
+            self._levels[level], inner[:, :1], inner[:, 1:], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        return found[:, 0].astype(np.float64)
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """Points of the template at given unknowns."""
+
+    turns: tuple[Array, Array, Array]
+    """matrices (3, 3) of tip, roll and yaw"""
+    arms: tuple[Array, Array, Array]
+    """points (m, 3) about the pivot after the tip, after the roll, after the yaw [m]"""
+    sight: Array
+    """(m, 3) points as seen from the camera, in W [m]"""
+    pixels: Array
+    """(m, 2) ideal pixels"""
+    seen: NDArray[np.bool_]
+    """(m,) True for points in the image that face the camera"""
+
+
+class PrintFollower:
+    """Tracker of one strike's frames by a template.
+
+    Args:
+        template: points and grey values at rest.
+        camera: camera with its pose in W.
+        images: removal of the camera's distortion.
+        pivot: (3,) point of the pivot's centre line at rest, in W [m].
+        radius: radius of the edge's rounding [m], on which the body rolls.
+        interval_s: time from frame to frame [s], for a rolling shutter.
+    """
+
+    def __init__(
+        self,
+        template: PrintTemplate,
+        camera: CameraModel,
+        images: IdealImages,
+        pivot: Array,
+        radius: float,
+        interval_s: float = 0.0,
+    ) -> None:
+        """Prepare the tracker; the first frame is expected at rest."""
+        self._template, self._camera, self._images = template, camera, images
+        self._pivot, self._radius = pivot, radius
+        self._interval_s, self._rate = interval_s, 0.0
+        self._arms = template.points - pivot
+        self._slope = template.slope.mean(axis=0)
+        self._by_rest = _by_rest_pose(template, camera, pivot) - _moved(self._arms)
+        self._light = [light_terms(grey, template.shading, template.face) for grey in template.grey]
+        self._limits = [
+            math.hypot(contrast(grey, template.shading, template.face), _NOISES * max(noise, LEAST_NOISE))
+            for grey, noise in zip(template.grey, template.noise, strict=True)
+        ]
+        self._R, self._t = world_to_camera(camera)
+        self._x, self._speed, self._usual, self._missed = np.zeros(6), 0.0, 0.9, 1
+
+    def add(
+        self, image: NDArray[np.uint8], start: Array | None = None, rate: float | None = None
+    ) -> PrintPose:
+        """Fit the next frame's pose.
+
+        If the prediction leads to no fit, as in the frame after a blow, the coarse level and tips around the
+        prediction are tried. A frame without a fit does not change what is predicted for the next.
+
+        Args:
+            image: the camera's image.
+            start: (6,) unknowns to begin with; None to predict them from the frames before.
+            rate: angular velocity [rad/s], by which a rolling shutter skews the image; None for that of the
+                frames before.
+        """
+        if rate is None:
+            rate = self._speed / self._interval_s if self._interval_s else 0.0
+        self._rate = rate
+        if start is None:
+            start = self._x * np.array([1.0, 0.9, 0.9, 0.9, 0.9, 0.9])
+            start[THETA] += self._speed
+        least = _SEARCH_BELOW * self._usual
+        view = self._view(image, start, _MARGIN_PX)
+        pose = self._fit(view, start, len(BLURS_PX) - 1)
+        if pose.explained < least:
+            pose = max(pose, self._levels(view, start), key=_explained)
+        if pose.explained < least:
+            pose = self._searched(image, start, pose, least)
+        if pose.explained >= least:
+            self._usual += 0.1 * (pose.explained - self._usual)
+        if pose.explained >= _LOST_BELOW * self._usual:
+            self._speed = float(pose.x[THETA] - self._x[THETA]) / self._missed
+            self._x, self._missed = pose.x, 1
+        else:
+            self._missed += 1
+        return pose
+
+    def _searched(self, image: NDArray[np.uint8], start: Array, pose: PrintPose, least: float) -> PrintPose:
+        """Best of `pose` and the fits from the tips that look most like the image."""
+        view = self._view(image, start, _SEARCH_MARGIN_PX)
+        low, high = _SEARCH_RAD
+        # A landing stops the body at once: back to where it was.
+        tips = np.arange(low - abs(self._speed) * self._missed, high, _SEARCH_STEP_RAD)
+        tried = start + np.outer(tips, np.eye(6)[THETA])
+        order = np.argsort([self._misfit(view, each) for each in tried])
+        for number in order[:_TRIED]:
+            pose = max(pose, self._levels(view, tried[number]), key=_explained)
+            if pose.explained >= least:
+                break
+        return pose
+
+    def _view(self, image: NDArray[np.uint8], x: Array, margin: int) -> _View:
+        """Part of an image around the points at given unknowns."""
+        pixels = self._placed(x).pixels
+        size = np.array([self._camera.width, self._camera.height])
+        low = np.clip(pixels.min(axis=0) - margin, 0, size - 2 * margin).astype(int)
+        high = np.clip(pixels.max(axis=0) + margin, low + 2 * margin, size).astype(int)
+        return _View(self._images, image, (slice(low[1], high[1]), slice(low[0], high[0])))
+
+    def _levels(self, view: _View, start: Array) -> PrintPose:
+        """Fit from a start, level by level."""
+        pose = self._fit(view, start, 0)
+        for level in range(1, len(BLURS_PX)):
+            pose = self._fit(view, pose.x, level)
+        return pose
+
+    def _misfit(self, view: _View, x: Array) -> float:
+        """Robust scale of the coarse residuals at given unknowns [grey]."""
+        placed = self._placed(x)
+        if placed.seen.sum() < _LEAST_SEEN:
+            return np.inf
+        light = self._light[0][placed.seen]
+        off, _ = without_light(light, view.at(placed.pixels[placed.seen], 0), np.ones(len(light)))
+        return float(np.median(np.abs(off)))
+
+    def _fit(self, view: _View, start: Array, level: int) -> PrintPose:
+        x, open_ = start.copy(), _open(start)
+        seen, weight = np.zeros(0, dtype=bool), np.zeros(0)
+        light, unit = np.zeros((0, 0)), 0.0
+        system: PrintEquations | None = None
+        explained, shared = 0.0, np.zeros(3)
+        off, scale = np.zeros(0), LEAST_NOISE
+        for turn in range(_ITERATIONS[level]):
+            placed = self._placed(x)
+            if turn % _RENEWED == 0:
+                seen = placed.seen
+                if seen.sum() < _LEAST_SEEN:
+                    return open_
+                light, weight = self._light[level][seen], np.ones(int(seen.sum()))
+            grey = view.at(placed.pixels[seen], level)
+            for _ in range(2 if turn % _RENEWED == 0 else 1):
+                off, scale = without_light(light, grey, weight)
+                weight = np.clip(1.0 - (off / (_TUKEY * scale)) ** 2, 0.0, None) ** 2
+            if system is None or turn % _RENEWED == 0:
+                unit = 1.0 / scale**2 / CORRELATED[level]
+                design = self._design(placed, self._slope[level])[seen]
+                system = PrintEquations.of(design, light, unit * weight, _PRIOR)
+            if system is None:
+                return open_
+            explained = float(np.mean(np.clip(1.0 - (off / self._limits[level]) ** 2, 0.0, None) ** 2))
+            step, shared = system.step(unit * weight * off, x)
+            x = x + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
+            if abs(step[THETA]) < _CONVERGED_RAD and np.abs(step[X:]).max() < _CONVERGED_M:
+                break
+        if system is None or not np.all(np.isfinite(x)):
+            return open_
+        return PrintPose(x, system.covariance, explained, (system.shared, shared), system.by_rest)
+
+    def _placed(self, x: Array) -> _Placed:
+        """Points of the template at the unknowns `x` (6,)."""
+        c, s = np.cos(x[:3]), np.sin(x[:3])
+        tip = np.array([[c[0], 0, s[0]], [0, 1, 0], [-s[0], 0, c[0]]])
+        roll = np.array([[1, 0, 0], [0, c[1], -s[1]], [0, s[1], c[1]]])
+        yaw = np.array([[c[2], -s[2], 0], [s[2], c[2], 0], [0, 0, 1]])
+        tipped = self._arms @ tip.T
+        rolled = tipped @ roll.T
+        turned = rolled @ yaw.T
+        shift = x[X:] + np.array([self._radius * x[THETA], 0.0, 0.0])
+        points = turned + (self._pivot + shift)
+        pixels = project_ideal(self._camera, points @ self._R.T + self._t)
+        if self._rate and self._camera.line_time_s:
+            # Each row is read out at its own time.
+            late = self._rate * row_delay_s(self._camera, pixels[:, 1])
+            points[:, 0] += late * (turned[:, 2] + self._radius)
+            points[:, 2] -= late * turned[:, 0]
+            pixels = project_ideal(self._camera, points @ self._R.T + self._t)
+        sight = points - self._camera.T_world_camera[:3, 3]
+        normals = self._template.normals @ (yaw @ roll @ tip).T
+        facing = -np.sum(normals * sight, axis=1) > 0.15 * np.linalg.norm(sight, axis=1)
+        far = np.array([self._camera.width - 3, self._camera.height - 3])
+        seen = facing & np.all((pixels > 2) & (pixels < far), axis=1)
+        return _Placed((tip, roll, yaw), (tipped, rolled, turned), sight, pixels, seen)
+
+    def _design(self, placed: _Placed, slope: Array) -> Array:
+        """Derivatives (m, 9) of the image's grey values at the points.
+
+        They are by the frame's unknowns (6), then by the pose at rest (3): the object turned and shifted at
+        rest, with its edge, and the points on their lines of sight.
+
+        Args:
+            placed: points at the present unknowns.
+            slope: (m, 3) gradient along the surface at rest, in W [grey/m].
+        """
+        tip, roll, yaw = placed.turns
+        whole = yaw @ roll @ tip
+        normal, along = self._template.normals @ whole.T, slope @ whole.T
+        # A shift off the surface looks like one along it.
+        across = np.sum(along * placed.sight, axis=1) / np.sum(normal * placed.sight, axis=1)
+        by_shift = along - across[:, None] * normal
+        tipped, rolled, turned = placed.arms
+        design = np.empty((len(slope), 9))
+        by_tip, by_roll = by_shift @ (yaw @ roll), by_shift @ yaw
+        design[:, THETA] = tipped[:, 2] * by_tip[:, 0] - tipped[:, 0] * by_tip[:, 2]
+        design[:, THETA] += self._radius * by_shift[:, 0]
+        design[:, ROLL] = rolled[:, 1] * by_roll[:, 2] - rolled[:, 2] * by_roll[:, 1]
+        design[:, YAW] = turned[:, 0] * by_shift[:, 1] - turned[:, 1] * by_shift[:, 0]
+        design[:, X:6] = by_shift
+        design[:, 6] = design[:, YAW]
+        design[:, 7:] = by_shift[:, :2]
+        design[:, 6:] += np.einsum("ni,nij->nj", by_shift @ whole, self._by_rest)
+        return design
+
+    def theta_sd(self) -> float:
+        """Predicted standard deviation of theta in one frame at rest [rad]; infinite for a blank face.
+
+        Only what both halves of the images show counts as print.
+        """
+        placed, level = self._placed(np.zeros(6)), len(BLURS_PX) - 1
+        strong = placed.seen & (self._template.strength > _LEAST_STRENGTH)
+        if strong.sum() < _LEAST_SEEN:
+            return math.inf
+        one, other = (self._design(placed, half[level])[strong, :6] for half in self._template.slope)
+        light = self._light[level][strong]
+        row = 1.0 / max(self._template.noise[level], LEAST_NOISE) ** 2 / CORRELATED[level]
+        free = [each - light @ np.linalg.lstsq(light, each, rcond=None)[0] for each in (one, other)]
+        common = row * (free[0].T @ free[1])
+        information = 0.5 * (common + common.T)
+        print_, prior = information[THETA, THETA], np.diag(_PRIOR)
+        least = float(np.linalg.eigvalsh(information[1:, 1:] + prior[1:, 1:]).min())
+        if print_ <= 0.0 or least <= 0.0:
+            return math.inf
+        rest = np.linalg.solve(information[1:, 1:] + prior[1:, 1:], information[1:, THETA])
+        left = print_ - float(information[THETA, 1:] @ rest)
+        return 1.0 / math.sqrt(left) if left > 0.0 else math.inf
+
+
+def _open(start: Array) -> PrintPose:
+    """Pose of a frame without a fit."""
+    nothing = np.zeros((3, 3)), np.zeros(3)
+    return PrintPose(start, np.diag(_OPEN_SD**2), 0.0, nothing, np.zeros((6, 3)))
+
+
+def _explained(pose: PrintPose) -> float:
+    return pose.explained
+
+
+def _by_rest_pose(template: PrintTemplate, camera: CameraModel, pivot: Array) -> Array:
+    """Derivative (m, 3, 3) of the points at rest by the pose at rest: turn about W's z, shift along x and y.
+
+    A point stays on its line of sight; its depth follows the face. The turn is about the pivot point.
+    """
+    ray = template.points - camera.T_world_camera[:3, 3]
+    moved = _moved(template.points - pivot)
+    depth = np.einsum("ni,nij->nj", template.normals, moved) / np.sum(template.normals * ray, axis=1)[:, None]
+    return ray[:, :, None] * depth[:, None, :]
+
+
+def _moved(arms: Array) -> Array:
+    """Derivative (m, 3, 3) of points, at arms (m, 3) from the pivot, by a turn about z and shifts in x, y."""
+    moved = np.zeros((len(arms), 3, 3))
+    moved[:, :, 0] = np.cross([0.0, 0.0, 1.0], arms)
+    moved[:, 0, 1] = moved[:, 1, 2] = 1.0
+    return moved

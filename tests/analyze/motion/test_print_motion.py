@@ -1,0 +1,50 @@
+"""Strikes on a box without a tag, by its printed side."""
+
+import math
+
+import numpy as np
+import pytest
+
+from analyze.errors import TrackingError
+from analyze.motion.print_motion import analyse_images, print_motion
+from analyze.motion.strike import placement_of
+from analyze.motion.strike_task import StrikeTask
+from analyze.pipeline.sections import next_face_angle, rolling_outline, strike_supports
+from schemas.strike_result import Verdict
+from tests.analyze.motion.printed_box import RATE_HZ, box, camera, tip
+
+
+def test_the_print_shows_the_tip_as_well_as_tags():
+    _, model = box()
+    made = tip(0, seed=0)
+    shape = model.vertices, model.faces
+    motion, _ = print_motion(made.frames, camera(), shape, placement_of(made.planned), made.contact_ns)
+    frame = np.rint((motion.angle.time_ns - made.frames[0].time_ns) * 1e-9 * RATE_HZ).astype(int)
+    moving = (made.theta[frame] > 0.02) & (made.theta[frame] < 1.5)
+    off = np.degrees(motion.angle.theta - made.theta[frame])[moving]
+    assert len(frame) > 0.9 * len(made.frames)
+    assert abs(off.mean()) < 0.04
+    assert off.std() < 0.05
+    task = StrikeTask(
+        "s1.1",
+        made.planned,
+        made.contact_ns,
+        None,
+        rolling_outline(model, made.planned),
+        next_face_angle(model, made.planned),
+        supports=strike_supports(model, made.planned),
+    )
+    found, _ = analyse_images(made.frames, camera(), [], shape, task)
+    assert found.verdict is Verdict.GOOD
+    assert found.fit is not None
+    assert found.fit.k is not None
+    assert abs(math.degrees(found.fit.phi - made.phi)) < 0.05
+    assert abs(found.fit.k / made.k - 1) < 0.003
+    assert abs(found.fit.phi - made.phi) < 3 * math.sqrt(found.fit.covariance[0, 0])
+
+
+def test_a_blank_side_is_refused_with_what_to_do():
+    _, model = box()
+    made = tip(0, seed=0, blank=True)
+    with pytest.raises(TrackingError, match=r"too little print.*stick on any sticker with print, or a tag"):
+        print_motion(made.frames[:45], camera(), (model.vertices, model.faces), placement_of(made.planned), 0)
