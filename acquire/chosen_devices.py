@@ -21,7 +21,6 @@ def device_options(options: dict[str, Any]) -> DeviceOptions:
     Raises:
         ConfigError: options that do not go together, or contents that cannot be read.
     """
-
     names = ("object_name", "seed", "address", "truth", "contents", "friction")
     given = {name: options.pop(name) for name in names}
     kinds = {name: options.pop(name) for name in ("camera", "make", "striker", "servo")}

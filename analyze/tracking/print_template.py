@@ -74,7 +74,8 @@ class PrintTemplate:
     slope: Array
     """(halves, levels, m, 3) gradient along the surface at rest, in W [grey/m], by each half of the images"""
     strength: Array
-    """(m,) gradient that both halves of the images show, of the finer level [grey/px]"""
+    """(m,) gradient that both halves of the images show, of the finer level [grey/px]; 0 within two borders
+    of the outline, where the background may be seen"""
     noise: Array
     """(levels,) robust scale of one image's grey values about those at rest [grey]"""
     shading: Array
@@ -159,8 +160,9 @@ def print_template(
     halves = [np.mean(part[::2], axis=0), np.mean(part[1::2], axis=0)]
     distance = float(np.linalg.norm(placed.mean(axis=0) - camera.T_world_camera[:3, 3]))
     border = max(_LEAST_BORDER_PX, round(BORDER_M * camera.K[0, 0] / distance))
-    strength = np.hypot(*_gradients(blurred(halves[0], BLURS_PX[-1])))
-    rows, columns = _spread(strength, _inner(seen, faces, border), points)
+    steep = np.hypot(*_gradients(blurred(halves[0], BLURS_PX[-1])))
+    rows, columns = _spread(steep, _inner(seen, faces, border), points)
+    surely_on = _inner(seen, faces, 2 * border)[rows, columns]
     corner = placed[triangles[seen[rows, columns]]]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -181,6 +183,8 @@ def print_template(
         by_pixel.append(np.column_stack([by_x[rows, columns], by_y[rows, columns]]))
         along = np.einsum("ni,nij->nj", by_pixel[-1], by_point)
         slope[half, level] = along - np.sum(along * normal, axis=1, keepdims=True) * normal
+    common = np.sum(by_pixel[len(BLURS_PX) - 1] * by_pixel[-1], axis=1)
+    strength = surely_on * np.sqrt(np.maximum(common, 0.0))
     noise = np.array([_scatter(part, blur, rows, columns) for blur in BLURS_PX])
     face = faces[seen[rows, columns]]
     names, counts = np.unique(face, return_counts=True)
@@ -193,7 +197,9 @@ def print_template(
         number.astype(np.int64),
         grey[:, kept],
         slope[:, :, kept],
-        np.sqrt(np.maximum(np.sum(by_pixel[len(BLURS_PX) - 1] * by_pixel[-1], axis=1), 0.0))[kept],
+        (surely_on * np.sqrt(np.maximum(np.sum(by_pixel[len(BLURS_PX) - 1] * by_pixel[-1], axis=1), 0.0)))[
+            kept
+        ],
         noise,
         _shading(places, number),
     )
