@@ -197,9 +197,7 @@ def print_template(
         number.astype(np.int64),
         grey[:, kept],
         slope[:, :, kept],
-        (surely_on * np.sqrt(np.maximum(np.sum(by_pixel[len(BLURS_PX) - 1] * by_pixel[-1], axis=1), 0.0)))[
-            kept
-        ],
+        strength[kept],
         noise,
         _shading(places, number),
     )
