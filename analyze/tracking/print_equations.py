@@ -61,7 +61,7 @@ class PrintEquations:
         """Step (6,) of the unknowns `x` and gradient (3,) about the pose at rest, from weighted residuals."""
         gradient = self.design.T @ weighted
         own = np.linalg.solve(self.information, gradient[:6] - self.prior * x)
-        return own, gradient[6:] - self.cross.T @ own
+        return np.asarray(own, dtype=np.float64), gradient[6:] - self.cross.T @ own
 
     @property
     def covariance(self) -> Array:
