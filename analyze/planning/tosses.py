@@ -225,8 +225,9 @@ def tag_reach(spec: ObjectSpec, com: Array) -> float:
             far = max(far, float(np.linalg.norm(there - com, axis=1).max()))
     if far == 0.0:
         raise PlanError(
-            f"{spec.name}: no marker has a T_object_marker: tosses need tags at known places, measure them "
-            "with `analyze register`"
+            f"{spec.name}: {'has no tags' if not spec.marker else 'no marker has a T_object_marker'}: tosses"
+            " need tags at known places: add a [[marker]] for each, and measure the places with `analyze"
+            " register`"
         )
     return far
 

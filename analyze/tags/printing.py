@@ -62,12 +62,16 @@ def print_tags(options: PrintOptions, output: Path) -> str:
 
     Raises:
         TagError: a family, id or paper is unknown, the ids are not understood, a size does not fit, or a
-            tag is one of the mat's.
+            tag is one of the mat's, or the object has none.
         ShapeError: the object file is missing or cannot be used.
         OutputError: the file cannot be written.
     """
     if options.object_path is not None:
         spec = read_spec(options.object_path)
+        if not spec.marker:
+            raise TagError(
+                f"{options.object_path}: has no tags: add a [[marker]] for each, or print the mat (--mat)"
+            )
         tags = [Tag(marker.family, marker.id, 1000 * marker.size_m) for marker in spec.marker]
         heading = f"Percuss: tags of {spec.name}"
     else:

@@ -72,6 +72,14 @@ def test_tags_can_be_printed_before_the_shape_file_exists(tmp_path):
     assert "1 tag of 25 mm" in out.output
 
 
+def test_tags_of_an_untagged_object_are_refused(tmp_path):
+    head = 'name = "mug"\nmass_kg = 0.3\nmass_sd_kg = 0.001\n[shape]\nfile = "mug.stl"\nunit = "mm"\n'
+    (tmp_path / "mug.toml").write_text(head)
+    out = run("--object", tmp_path / "mug.toml", "-o", tmp_path / "t.pdf")
+    assert out.exit_code == 1
+    assert "mug.toml: has no tags: add a [[marker]] for each, or print the mat (--mat)" in out.output
+
+
 def test_board_is_detected_by_opencv(tmp_path):
     assert run("--board", "charuco", "-o", tmp_path / "b.pdf").exit_code == 0
     ((image, _),) = painted((tmp_path / "b.pdf").read_bytes())
