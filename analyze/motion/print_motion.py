@@ -103,7 +103,9 @@ def analyse_images(
     times_ns = np.array([frame.time_ns for frame in images], dtype=np.int64)
     motion, view = print_motion(images, camera, shape, placement_of(task.planned), task.contact_time_ns)
     report = TrackingReport((), (), times_ns, view)
-    analysed = analyse_motion(motion, replace(task, images_end_ns=report.images_end_ns), MotionSettings())
+    unseen_ns = np.setdiff1d(times_ns, motion.angle.time_ns)
+    task = replace(task, images_end_ns=report.images_end_ns, unmarked_ns=unseen_ns)
+    analysed = analyse_motion(motion, task, MotionSettings())
     return replace(analysed, followed_by=FollowedBy.PRINT), report
 
 

@@ -94,7 +94,7 @@ def _gaps(
     lost_early = unseen_end > limits.max_marker_gap and unfinished
     if longest > limits.max_marker_gap or share < limits.min_marker_share or lost_early:
         gone = max(longest, round(unseen_end) if lost_early else 0)
-        text = f"no marker for {gone} frames during the tip: light the marker, or move the camera back"
+        text = f"not seen for {gone} frames during the tip: light tag or print, or move the camera back"
         return Judgement(Verdict.MARKER_LOST, text)
     longest_ns = float(np.max(apart_ns, initial=0.0))
     if longest_ns > max(
