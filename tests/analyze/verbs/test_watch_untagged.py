@@ -1,0 +1,59 @@
+"""Observations and verdicts of `analyze watch` on an object without tags."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from analyze.pipeline.sections import MeshSections
+from analyze.types import ImageFrame
+from analyze.verbs.watch.observer import Observer
+from schemas.strike_plan import StrikePlan
+from schemas.strike_result import Verdict
+from schemas.watch_lines import JudgeRequest
+from tests.analyze.motion.printed_box import box, camera, tip
+
+
+@dataclass(frozen=True)
+class Stored:
+    log_time_ns: int
+    image: np.ndarray
+
+
+def observer(plan):
+    spec, _ = box()
+    return Observer(
+        camera(),
+        [],
+        plan,
+        lambda stored: ImageFrame(stored.log_time_ns, 0, stored.image),
+        MeshSections(spec, lambda: None),
+    )
+
+
+@pytest.mark.parametrize(("blank", "verdict"), [(False, Verdict.GOOD), (True, Verdict.UNREADABLE)])
+def test_an_untagged_object_is_judged_by_its_print(blank, verdict):
+    made = tip(0, 0, blank=blank)
+    plan = StrikePlan(object_name="box", object_sha256="0" * 64, strikes=[made.planned])
+    watcher = observer(plan)
+    watcher.expect(made.planned.id)
+    events = [
+        event
+        for frame in made.frames
+        if (event := watcher.add(Stored(frame.time_ns, frame.image))) is not None
+    ]
+    resting = [event for event in events if event.time_ns < made.contact_ns]
+    assert resting[-1].at_rest
+    assert not resting[-1].markers
+    judged = watcher.judge(
+        JudgeRequest(
+            plan_strike_id=made.planned.id,
+            strike_id="s1.1",
+            window_start_ns=made.frames[0].time_ns,
+            window_end_ns=made.frames[-1].time_ns,
+            contact_time_ns=made.contact_ns,
+        )
+    )
+    assert judged.code is verdict
+    if blank:
+        assert "too little print" in judged.reason
