@@ -45,6 +45,9 @@ _TWO_SIDED, _ONE_SIDED = 3.84, 2.71
 """chi^2 at the ends of a 95 % interval, and at a bound that holds with 95 %"""
 _OPEN_MU = 1.7
 """upper end of an interval from which it counts as open"""
+MAX_MEASURED_MU = 0.42
+"""largest coefficient that tips measure: |T|/N stays below 0.37 while the edge carries weight, so that an edge
+with more friction slides only where it is nearly unloaded (simulated: 0.07 to 0.11 off)"""
 _VALUE_WIDTH = 0.5
 """largest half-width of an interval over its value at which friction counts as measured"""
 
@@ -177,6 +180,8 @@ def combined_friction(strikes: Sequence[StrikeFriction], tilt_sd: float) -> Fric
     bound = float(mu[np.flatnonzero(chi2 <= _ONE_SIDED)[0]])
     best = float(mu[int(np.argmax(total))])
     slides = any(one.slid > LEAST_SLIDE_M for one in strikes)
+    if best > MAX_MEASURED_MU:
+        return Friction(None, None, None, min(bound, MAX_MEASURED_MU), None, tuple(strikes))
     if not slides or high > _OPEN_MU or high - low > 2 * _VALUE_WIDTH * best:
         return Friction(None, None, None, bound, None, tuple(strikes))
     posterior = np.exp(joint - joint.max())
