@@ -44,7 +44,7 @@ _WORSE = 0.98
 """share of the print explained, over the best so far, below which a correction at rest was wrong"""
 REST_STEPS = 2
 """number of corrections of the pose at rest, each with the strike tracked again"""
-_REST_CONVERGED = np.array([math.radians(0.02), np.inf, 2e-4])
+_REST_CONVERGED = np.array([math.radians(0.06), np.inf, 5e-4])
 """correction of the pose at rest below which the strike is not tracked again"""
 MAX_THETA_SD = math.radians(0.1)
 """largest standard deviation of theta in one frame at rest [rad]: above it the print is too poor"""
