@@ -46,8 +46,8 @@ _TWO_SIDED, _ONE_SIDED = 3.84, 2.71
 _OPEN_MU = 1.7
 """upper end of an interval from which it counts as open"""
 MAX_MEASURED_MU = 0.42
-"""largest coefficient that tips measure: |T|/N stays below 0.37 while the edge carries weight, so that an edge
-with more friction slides only where it is nearly unloaded (simulated: 0.07 to 0.11 off)"""
+"""largest coefficient that tips measure: |T|/N stays below 0.37 while the edge carries weight, so that an
+edge with more friction slides only where it is nearly unloaded (simulated: 0.07 to 0.11 off)"""
 _VALUE_WIDTH = 0.5
 """largest half-width of an interval over its value at which friction counts as measured"""
 

@@ -14,7 +14,7 @@ from analyze.pipeline.estimate_recordings import estimate_recordings
 from analyze.reading.object_file import read_object_files
 from schemas.strike_result import Verdict
 from tests import make_phone_videos as phone
-from tests.analyze.importing.mat_videos import LENS, PHONE, RATE_HZ, write_strikes
+from tests.analyze.importing.mat_videos import LENS, PHONE, write_strikes
 
 
 def untagged(folder: Path) -> tuple[Path, Path]:
@@ -35,7 +35,7 @@ def untagged(folder: Path) -> tuple[Path, Path]:
 )
 def test_videos_of_an_untagged_box_on_the_mat_give_its_centre_of_mass(tmp_path, numbers, limit_mm):
     box, plan = untagged(tmp_path)
-    names = write_strikes(tmp_path, numbers, {}, RATE_HZ if len(numbers) > 3 else 60, tags=False)
+    names = write_strikes(tmp_path, numbers, {}, tags=False)
     options = ImportOptions(
         tuple(tmp_path / f"{name}.mp4" for name in names), box, plan, tmp_path / "camera.toml"
     )
