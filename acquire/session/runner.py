@@ -259,7 +259,7 @@ class SessionRunner:
                     text = "something moves beside the object: take your hands away"
                     time.sleep(0.05)
                     continue
-                if event.at_rest and self._input.is_placed(error):
+                if event.at_rest and self._input.is_placed(error, event.text):
                     return events.PoseChecked(good=True)
                 if event.at_rest and error is None and self._input.lacks_places(event.markers):
                     self._report(f"{strike.id}: placement not checked: {event.text}")

@@ -69,13 +69,16 @@ class SessionInput:
         """True if the object has no tags: it is followed by its print, and no placement is checked."""
         return not self.spec.marker
 
-    def is_placed(self, error_rad: float | None) -> bool:
-        """True if the object lies as planned, or has no tag to show it.
+    def is_placed(self, error_rad: float | None, text: str) -> bool:
+        """True if the object lies as planned; without tags if its print does not contradict.
 
         Args:
             error_rad: angle to the planned orientation [rad]; None if unknown.
+            text: instruction to put it down otherwise; empty if there is none.
         """
-        return self.untagged or (error_rad is not None and error_rad < POSE_TOLERANCE_RAD)
+        if self.untagged:
+            return not text
+        return error_rad is not None and error_rad < POSE_TOLERANCE_RAD
 
     def lacks_places(self, seen: Sequence[SeenMarker]) -> bool:
         """True if markers of the object are in view, all of them without a place in the object file.

@@ -172,14 +172,21 @@ def print_motion(
         starts = [pose.x + pose.by_rest @ correction if pose.explained > 0 else None for pose in poses]
     assert best is not None  # noqa: S101 - there is a step
     seen_by = _moved_camera(camera, pivot, best[1])
-    view = _rest_view(rest, seen_by, shape[0], placement)
+    view = rest_view(rest, seen_by, shape[0], placement)
     return _planar(frames, best[2], rested, camera, float(best[1][0])), view
 
 
-def _rest_view(
+def rest_view(
     rest: Sequence[NDArray[np.float32]], camera: CameraModel, vertices: Array, placement: Placement
 ) -> RestView:
-    """Mean image of the object at rest, cut out around it."""
+    """Mean image of the object at rest, cut out around it.
+
+    Args:
+        rest: (h, w) images at rest, free of lens distortion.
+        camera: camera as seen from the object as it was put down.
+        vertices: (v, 3) vertices of the shape in O [m].
+        placement: planned pose of the object.
+    """
     R, p = placement.R_world_object, placement.p_world_object
     R_camera, t = world_to_camera(camera)
     pixels = project_ideal(camera, (vertices @ R.T + p) @ R_camera.T + t)

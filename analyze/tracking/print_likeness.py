@@ -16,7 +16,7 @@ from analyze.tracking.camera_model import project_ideal, world_to_camera
 from analyze.tracking.print_template import blurred, smooth_faces, visible_triangles
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     from numpy.typing import NDArray
 
@@ -98,10 +98,25 @@ class PrintedSurface:
         Args:
             views: the object at rest by strike id.
         """
+        return self._differing(views, combinations(views, 2))
+
+    def differences_from(self, name: str, views: Mapping[str, RestView]) -> tuple[PrintDifference, ...]:
+        """Pairs of one strike with others that show different print on a face which both should show.
+
+        Args:
+            name: id of the strike.
+            views: the object at rest by strike id, that of the strike included.
+        """
+        return self._differing(views, ((name, other) for other in views if other != name))
+
+    def _differing(
+        self, views: Mapping[str, RestView], pairs: Iterable[tuple[str, str]]
+    ) -> tuple[PrintDifference, ...]:
+        """Pairs of strikes, of those given, that show different print."""
         seen = {name: self._seen(view) for name, view in views.items()}
         found = (
             self._difference((one, other), (views[one], views[other]), (seen[one], seen[other]))
-            for one, other in combinations(views, 2)
+            for one, other in pairs
         )
         return tuple(each for each in found if each is not None)
 

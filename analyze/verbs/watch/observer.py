@@ -10,16 +10,19 @@ import numpy as np
 from analyze.errors import AnalyzeError
 from analyze.geometry.station import turned_camera
 from analyze.motion.contact_time import contact_time
-from analyze.motion.print_motion import analyse_images
+from analyze.motion.print_motion import analyse_images, rest_view
 from analyze.motion.scene import at_rest, check_placement, read_scene
-from analyze.motion.strike import verdict_of
+from analyze.motion.strike import placement_of, verdict_of
 from analyze.motion.strike_task import StrikeTask
 from analyze.pipeline.sections import MeshSections
+from analyze.tags.side_names import axis_name
 from analyze.tracking.camera_model import pixel_map
 from analyze.tracking.marker import families_of
+from analyze.tracking.print_likeness import PrintedSurface
+from analyze.tracking.print_template import IdealImages
 from analyze.verbs.watch.curve import strike_curve
 from analyze.verbs.watch.wanted_place import WantedPlace
-from schemas.strike_result import Verdict
+from schemas.strike_result import USABLE_VERDICTS, Verdict
 from schemas.tags import name_order
 from schemas.watch_lines import JudgeRequest, SeenMarker, StrikeVerdict, WatchEvent
 
@@ -28,6 +31,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from analyze.motion.scene import Scene
+    from analyze.tracking.print_likeness import RestView
     from analyze.types import CameraModel, ImageFrame, Marker
     from schemas.strike_plan import PlannedStrike, StrikePlan
 
@@ -40,6 +44,8 @@ REST_BEFORE_NS, TIP_AFTER_NS = 600_000_000, 1_800_000_000
 
 The slowest tip over the balance takes about 1 s.
 """
+_NOW = "now"
+"""name of the object as it lies now, beside those of strikes"""
 MOVED_PX = 3.0
 """distance [px] of a corner from its position at rest above which the marker counts as moving.
 
@@ -94,6 +100,10 @@ class Observer:
         self._expected: PlannedStrike | None = None
         self._wanted: WantedPlace | None = None
         self._scenes: deque[Scene] = deque(maxlen=12)
+        self._views: dict[str, RestView] = {}
+        """the object at rest before each usable strike, where it is followed by its print"""
+        self._print_advice: str | None = None
+        """instruction by the print of the object as it rests now; None if not looked at yet"""
         self._seen: deque[Scene] = deque()
         """scenes of the images that are kept"""
         self._images: deque[StoredImage] = deque()
@@ -111,7 +121,7 @@ class Observer:
         An id that the plan does not have ends the comparison.
         """
         self._expected = planned = self._strikes.get(plan_strike_id)
-        self._wanted = None
+        self._wanted = self._print_advice = None
         if planned is not None:
             hull = None if self._sections is None else self._sections.hull_vertices()
             camera = turned_camera(self._camera, planned.heading_rad)
@@ -151,6 +161,12 @@ class Observer:
                 scene, self._by_id, turned_camera(self._camera, self._expected.heading_rad), self._expected
             )
             error, text = check.error, check.text
+        if not still:
+            self._print_advice = None
+        elif self._expected is not None and not self._markers:
+            if self._print_advice is None:
+                self._print_advice = self._print_text(self._decode(image), self._expected)
+            text = self._print_advice
         wanted = {} if self._wanted is None else self._wanted.compare(self._scenes)
         return WatchEvent(
             time_ns=image.log_time_ns,
@@ -161,6 +177,26 @@ class Observer:
             text=text,
             **wanted,
         )
+
+    def _print_text(self, frame: ImageFrame, planned: PlannedStrike) -> str:
+        """Instruction if a side shows other print than in an earlier strike, else empty.
+
+        Args:
+            frame: image of the object at rest.
+            planned: the strike that is expected.
+        """
+        shape = None if self._sections is None else self._sections.surface()
+        if shape is None or not self._views:
+            return ""
+        camera = turned_camera(self._camera, planned.heading_rad)
+        view = rest_view([IdealImages(camera).ideal(frame.image)], camera, shape[0], placement_of(planned))
+        surface = PrintedSurface(*shape)
+        for each in surface.differences_from(_NOW, {**self._views, _NOW: view}):
+            return (
+                f"the print on {axis_name(each.normal)} is not that of strike {each.strikes[1]}: put the"
+                " object down as its card shows"
+            )
+        return ""
 
     def judge(self, request: JudgeRequest) -> StrikeVerdict:
         """Judge a strike from the images kept.
@@ -193,7 +229,9 @@ class Observer:
                 0.0 if known is None else known.edge_sd(planned),
             )
             shape = None if known is None or self._markers else known.surface()
-            motion, _ = analyse_images(self._window(request), camera, self._markers, shape, task)
+            motion, report = analyse_images(self._window(request), camera, self._markers, shape, task)
+            if report.rest_view is not None and motion.verdict in USABLE_VERDICTS:
+                self._views[request.strike_id] = report.rest_view
         except AnalyzeError as error:
             return unreadable(request, str(error))
         contact = contact_time(motion.fit) if motion.fit else None

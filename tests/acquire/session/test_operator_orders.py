@@ -126,7 +126,7 @@ def test_the_striker_is_not_armed_while_hands_move(
 
     runner = SessionRunner.__new__(SessionRunner)
     runner._client = SimpleNamespace(call=call)  # type: ignore[assignment]
-    tagged = SimpleNamespace(untagged=False, is_placed=lambda error: error is not None)
+    tagged = SimpleNamespace(untagged=False, is_placed=lambda error, _: error is not None)
     runner._input = tagged  # type: ignore[assignment]
     checked = runner._check_pose(planned("s1"))
     assert isinstance(checked, events.PoseChecked)

@@ -57,3 +57,32 @@ def test_an_untagged_object_is_judged_by_its_print(blank, verdict):
     assert judged.code is verdict
     if blank:
         assert "too little print" in judged.reason
+
+
+@pytest.mark.parametrize(
+    ("seed", "text"), [(0, ""), (1, "the print on the +y side is not that of strike s3.1")]
+)
+def test_another_side_than_planned_is_told_before_the_strike(seed, text):
+    first, second = tip(2, 0), tip(3, seed)
+    plan = StrikePlan(object_name="box", object_sha256="0" * 64, strikes=[first.planned, second.planned])
+    watcher = observer(plan)
+    for frame in first.frames:
+        watcher.keep(Stored(frame.time_ns, frame.image))
+    request = JudgeRequest(
+        plan_strike_id=first.planned.id,
+        strike_id="s3.1",
+        window_start_ns=first.frames[0].time_ns,
+        window_end_ns=first.frames[-1].time_ns,
+        contact_time_ns=first.contact_ns,
+    )
+    assert watcher.judge(request).code is Verdict.GOOD
+    watcher.expect(second.planned.id)
+    later_ns = first.frames[-1].time_ns
+    events = [
+        event
+        for frame in second.frames[:36]
+        if (event := watcher.add(Stored(frame.time_ns + later_ns, frame.image))) is not None
+    ]
+    assert events[-1].at_rest
+    assert events[-1].text.startswith(text)
+    assert bool(events[-1].text) is bool(text)
