@@ -18,7 +18,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 import numpy as np
@@ -36,23 +36,23 @@ WRONG_RAD = np.radians(0.1)
 """error of phi from which on a good strike is wrong, if it is beyond `WRONG_Z` too [rad]"""
 WRONG_K = 0.01
 """the same for k, relative"""
+_STRIKES = (
+    "strikes", "refused", "good [%]", "frames seen [%]", "theta rms [deg]", "95 %", "|bias| [deg]", "95 %",
+    "|phi| [deg]", "95 %", "|k| [%]", "95 %", "z theta", "z phi", "in [%]", "z k", "in [%]", "wrong good",
+    "s/strike",
+)  # fmt: skip
+"""columns of the table of strikes"""
+_SESSIONS = (
+    "sessions", "answered", "good of strikes", "c [mm]", "largest", "z c", "in [%]", "tensor [%]", "z tensor",
+    "in [%]",
+)  # fmt: skip
+"""columns of the table of sessions"""
+Row = TypeVar("Row", StrikeRow, SessionRow)
 
 
 def strike_table(rows: Sequence[StrikeRow], title: str) -> Table:
     """Errors of theta, phi and k by object and road."""
-    table = Table(title=title, title_justify="left")
-    for heading in (
-        "object", "road", "strikes", "refused", "good [%]", "frames seen [%]", "theta rms [deg]",
-        "95 %", "|bias| [deg]", "95 %", "|phi| [deg]", "95 %", "|k| [%]", "95 %", "z theta", "z phi",
-        "in [%]", "z k", "in [%]", "wrong good", "s/strike",
-    ):  # fmt: skip
-        table.add_column(heading, justify="left" if heading in {"object", "road"} else "right")
-    for name in (*dict.fromkeys(row.name for row in rows), "all"):
-        for road in dict.fromkeys(row.road for row in rows):
-            some = [row for row in rows if name in (row.name, "all") and row.road == road]
-            if some:
-                table.add_row(name, road, *_strike_cells(some))
-    return table
+    return _by_object_and_road(rows, title, _STRIKES, _strike_cells)
 
 
 def _strike_cells(rows: Sequence[StrikeRow]) -> list[str]:
@@ -60,7 +60,7 @@ def _strike_cells(rows: Sequence[StrikeRow]) -> list[str]:
     refused = sum(row.verdict == "refused" for row in rows)
     head = [str(len(rows)), str(refused), f"{100 * len(good) / len(rows):.0f}"]
     if not good:
-        return [*head, *[""] * 17]
+        return [*head, *[""] * 16]
     frames = sum(row.frames for row in good)
     return [
         *head,
@@ -85,17 +85,21 @@ def is_wrong(row: StrikeRow) -> bool:
 
 def session_table(rows: Sequence[SessionRow], title: str) -> Table:
     """Errors of c and of the tensor by object and road."""
+    return _by_object_and_road(rows, title, _SESSIONS, _session_cells)
+
+
+def _by_object_and_road(
+    rows: Sequence[Row], title: str, headings: Sequence[str], cells: Callable[[Sequence[Row]], list[str]]
+) -> Table:
+    """Table with a row for each object and road, and for all objects together."""
     table = Table(title=title, title_justify="left")
-    for heading in (
-        "object", "road", "sessions", "answered", "good of strikes", "c [mm]", "largest", "z c",
-        "in [%]", "tensor [%]", "z tensor", "in [%]",
-    ):  # fmt: skip
+    for heading in ("object", "road", *headings):
         table.add_column(heading, justify="left" if heading in {"object", "road"} else "right")
     for name in (*dict.fromkeys(row.name for row in rows), "all"):
         for road in dict.fromkeys(row.road for row in rows):
             some = [row for row in rows if name in (row.name, "all") and row.road == road]
             if some:
-                table.add_row(name, road, *_session_cells(some))
+                table.add_row(name, road, *cells(some))
     return table
 
 
