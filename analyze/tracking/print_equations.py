@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,10 @@ if TYPE_CHECKING:
 
 LEAST_NOISE = 0.6
 """least robust scale of the residuals [grey]"""
+_WAVE_PX, _MOST_WAVES = 60.0, 5
+"""least half wavelength of the light over a face [px], and most terms along and across"""
+_RIDGE = 1e-9
+"""share of the mean that is added to the normal equations of the light"""
 
 
 @dataclass(frozen=True)
@@ -35,21 +40,18 @@ class PrintEquations:
     """(6,) information of the priors about 0"""
 
     @staticmethod
-    def of(design: Array, light: Array, rows: Array, prior: Array) -> PrintEquations | None:
+    def of(design: Array, light: Light, unit: float, prior: Array) -> PrintEquations | None:
         """Equations of one frame; None if they are singular.
 
         Args:
             design: (n, 9) derivatives of the grey values.
-            light: (n, l) terms of the light.
-            rows: (n,) weights.
+            light: the light, with the points' weights.
+            unit: information of a point of weight 1 [1/grey^2].
             prior: (6,) information of the priors about 0.
         """
-        weighted = light * rows[:, None]
-        inner = weighted.T @ light
-        inner += 1e-9 * np.trace(inner) * np.eye(len(inner))
         try:
-            free = design - light @ np.linalg.solve(inner, weighted.T @ design)
-            normal = (free * rows[:, None]).T @ free
+            free = design - light.terms @ light.fit(design)
+            normal = unit * (free * light.weight[:, None]).T @ free
             information = normal[:6, :6] + np.diag(prior)
             by_rest = -np.linalg.solve(information, normal[:6, 6:])
         except np.linalg.LinAlgError:
@@ -69,34 +71,82 @@ class PrintEquations:
         return np.asarray(np.linalg.inv(self.information), dtype=np.float64)
 
 
-def light_terms(grey: Array, shading: Array, face: IntArray) -> Array:
-    """Terms (m, 4 f) of the light on f faces: gain on the grey values at rest, and the shading."""
-    faces = int(face.max(initial=-1)) + 1
-    light = np.zeros((len(grey), faces, 4))
-    light[np.arange(len(grey)), face, 0] = grey
-    light[np.arange(len(grey)), face, 1:] = shading
-    return light.reshape(len(grey), 4 * faces)
+class Light:
+    """Light on the faces, fitted to grey values by weighted least squares.
+
+    Args:
+        terms: (n, l) terms of the light at the points.
+        weight: (n,) weights of the points.
+    """
+
+    def __init__(self, terms: Array, weight: Array) -> None:
+        """Factor the normal equations."""
+        self.terms, self.weight = terms, weight
+        self._weighted = terms * weight[:, None]
+        normal = self._weighted.T @ terms
+        normal[np.diag_indices_from(normal)] += _RIDGE * (np.trace(normal) / max(len(normal), 1) + 1e-12)
+        self._inverse = np.linalg.inv(normal)
+
+    def fit(self, values: Array) -> Array:
+        """Coefficients (l, ...) of the light that fit values (n, ...)."""
+        return np.asarray(self._inverse @ (self._weighted.T @ values), dtype=np.float64)
+
+    def residual(self, grey: Array) -> Array:
+        """Light that fits grey values (n,), minus these."""
+        return np.asarray(self.terms @ self.fit(grey) - grey, dtype=np.float64)
 
 
-def contrast(grey: Array, shading: Array, face: IntArray) -> float:
-    """Standard deviation of grey values (m,) about the shading of their faces [grey].
+def robust_scale(off: Array) -> float:
+    """Robust scale of residuals (n,) of zero mean [grey], at least `LEAST_NOISE`."""
+    return max(1.4826 * float(np.median(np.abs(off))), LEAST_NOISE)
+
+
+def light_waves(pixels: Array, face: IntArray) -> Array:
+    """Waves (m, w) of the light over each point's face, 0 for those that the face has not.
+
+    A face has products of cosines over its extent at rest, the shortest of half a wavelength `_WAVE_PX`.
+
+    Args:
+        pixels: (m, 2) places in the image at rest.
+        face: (m,) number of each point's face.
+    """
+    waves = np.zeros((len(pixels), _MOST_WAVES**2))
+    for name in range(int(face.max(initial=-1)) + 1):
+        here = face == name
+        low, extent = pixels[here].min(axis=0), np.maximum(np.ptp(pixels[here], axis=0), 1.0)
+        counts = np.clip(np.rint(extent / _WAVE_PX).astype(int) + 1, 2, _MOST_WAVES)
+        turn = math.pi * (pixels[here] - low) / extent
+        across, down = (np.cos(turn[:, [axis]] * np.arange(counts[axis])) for axis in (0, 1))
+        waves[here, : counts.prod()] = (across[:, :, None] * down[:, None, :]).reshape(len(turn), -1)
+    return waves
+
+
+def light_terms(grey: Array, waves: Array, face: IntArray) -> Array:
+    """Terms (m, l) of the light: each face's waves, by themselves and times the grey values at rest.
+
+    The first are highlights, the others light on print.
 
     Args:
         grey: (m,) grey values at rest.
-        shading: (m, 3) terms of the shading.
+        waves: (m, w) waves of the light.
         face: (m,) number of each point's face.
     """
-    left = [
-        grey[here] - shading[here] @ np.linalg.lstsq(shading[here], grey[here], rcond=None)[0]
-        for here in (face == name for name in np.unique(face))
-    ]
-    return float(np.std(np.concatenate(left))) if left else 0.0
+    terms: list[Array] = [np.zeros((len(grey), 0))]
+    for name in range(int(face.max(initial=-1)) + 1):
+        own = np.where((face == name)[:, None], waves, 0.0)
+        own = own[:, np.any(own != 0.0, axis=0)]
+        terms += [own, 0.01 * grey[:, None] * own]
+    return np.concatenate(terms, axis=1)
 
 
-def without_light(light: Array, grey: Array, weight: Array) -> tuple[Array, float]:
-    """Residuals (n,) of grey values with the light fitted, and their robust scale [grey]."""
-    weighted = light * weight[:, None]
-    normal = weighted.T @ light
-    normal += 1e-9 * np.trace(normal) * np.eye(len(normal))
-    off: Array = light @ np.linalg.solve(normal, weighted.T @ grey) - grey
-    return off, max(1.4826 * float(np.median(np.abs(off))), LEAST_NOISE)
+def contrast(grey: Array, waves: Array, face: IntArray) -> float:
+    """Standard deviation of grey values (m,) about the light on their faces [grey].
+
+    Args:
+        grey: (m,) grey values at rest.
+        waves: (m, w) waves of the light.
+        face: (m,) number of each point's face.
+    """
+    if not len(grey):
+        return 0.0
+    return float(np.std(Light(light_terms(np.zeros(len(grey)), waves, face), np.ones(len(grey))).residual(grey)))

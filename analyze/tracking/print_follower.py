@@ -21,10 +21,11 @@ import numpy as np
 from analyze.tracking.camera_model import project_ideal, world_to_camera
 from analyze.tracking.print_equations import (
     LEAST_NOISE,
+    Light,
     PrintEquations,
     contrast,
     light_terms,
-    without_light,
+    robust_scale,
 )
 from analyze.tracking.print_template import BLURS_PX, blurred
 from analyze.tracking.rolling_shutter import row_delay_s
@@ -44,8 +45,8 @@ _ITERATIONS = (6, 6)
 """largest number of steps on each level"""
 _RENEWED = 3
 """number of steps after which the derivatives are computed anew"""
-_CONVERGED_RAD, _CONVERGED_M = 1e-5, 3e-6
-"""step below which a level ends"""
+_CONVERGED = 0.25
+"""step over its standard deviation below which a level ends"""
 _LARGEST_STEP = np.array([0.05, 0.01, 0.02, 0.004, 0.004, 0.004])
 """largest change of the unknowns in one step [rad, m]"""
 _TUKEY = 5.0
@@ -62,6 +63,8 @@ _LOST_BELOW = 0.6
 """mean weight of the points, over the usual one, below which a frame has no fit"""
 _LEAST_STRENGTH = 2.0
 """gradient from which on a point is print [grey/px]: shades of a facetted wall have less"""
+_STEEPEST = 0.15
+"""least cosine of the angle between a point's normal and the line of sight"""
 _LEAST_SEEN = 40
 """number of points in view below which nothing is fitted"""
 _NOISES = 3.0
@@ -114,14 +117,18 @@ class _Placed:
 
     turns: tuple[Array, Array, Array]
     """matrices (3, 3) of tip, roll and yaw"""
-    arms: tuple[Array, Array, Array]
-    """points (m, 3) about the pivot after the tip, after the roll, after the yaw [m]"""
-    sight: Array
-    """(m, 3) points as seen from the camera, in W [m]"""
+    arms: Array
+    """points (m, 3) about the pivot, turned [m]"""
+    points: Array
+    """(m, 3) points in W [m]"""
     pixels: Array
     """(m, 2) ideal pixels"""
-    seen: NDArray[np.bool_]
-    """(m,) True for points in the image that face the camera"""
+
+    @property
+    def whole(self) -> Array:
+        """Matrix (3, 3) of all turns."""
+        tip, roll, yaw = self.turns
+        return yaw @ roll @ tip
 
 
 class PrintFollower:
@@ -152,11 +159,12 @@ class PrintFollower:
         self._arms = template.points - pivot
         self._slope = template.slope.mean(axis=0)
         self._by_rest = _by_rest_pose(template, camera, pivot) - _moved(self._arms)
-        self._light = [light_terms(grey, template.shading, template.face) for grey in template.grey]
+        self._light = [light_terms(grey, template.waves, template.face) for grey in template.grey]
         self._limits = [
-            math.hypot(contrast(grey, template.shading, template.face), _NOISES * max(noise, LEAST_NOISE))
+            math.hypot(contrast(grey, template.waves, template.face), _NOISES * max(noise, LEAST_NOISE))
             for grey, noise in zip(template.grey, template.noise, strict=True)
         ]
+        self._lights: dict[tuple[int, bytes], Light] = {}
         self._R, self._t = world_to_camera(camera)
         self._x, self._speed, self._usual, self._missed = np.zeros(6), 0.0, 0.9, 1
 
@@ -228,43 +236,51 @@ class PrintFollower:
     def _misfit(self, view: _View, x: Array) -> float:
         """Robust scale of the coarse residuals at given unknowns [grey]."""
         placed = self._placed(x)
-        if placed.seen.sum() < _LEAST_SEEN:
+        seen = self._seen(placed)
+        if seen.sum() < _LEAST_SEEN:
             return np.inf
-        light = self._light[0][placed.seen]
-        off, _ = without_light(light, view.at(placed.pixels[placed.seen], 0), np.ones(len(light)))
+        off = self._even_light(0, seen).residual(view.at(placed.pixels[seen], 0))
         return float(np.median(np.abs(off)))
 
+    def _even_light(self, level: int, seen: NDArray[np.bool_]) -> Light:
+        """Light with equal weights at the points in view."""
+        key = level, seen.tobytes()
+        if key not in self._lights:
+            self._lights[key] = Light(self._light[level][seen], np.ones(int(seen.sum())))
+        return self._lights[key]
+
     def _fit(self, view: _View, start: Array, level: int) -> PrintPose:
-        x, open_ = start.copy(), _open(start)
-        seen, weight = np.zeros(0, dtype=bool), np.zeros(0)
-        light, unit = np.zeros((0, 0)), 0.0
+        x, seen = start.copy(), np.zeros(0, dtype=bool)
+        light: Light | None = None
         system: PrintEquations | None = None
-        explained, shared = 0.0, np.zeros(3)
-        off, scale = np.zeros(0), LEAST_NOISE
+        explained, shared, unit = 0.0, np.zeros(3), 0.0
         for turn in range(_ITERATIONS[level]):
             placed = self._placed(x)
             if turn % _RENEWED == 0:
-                seen = placed.seen
+                light, seen = None, self._seen(placed)
                 if seen.sum() < _LEAST_SEEN:
-                    return open_
-                light, weight = self._light[level][seen], np.ones(int(seen.sum()))
+                    return _open(start)
             grey = view.at(placed.pixels[seen], level)
-            for _ in range(2 if turn % _RENEWED == 0 else 1):
-                off, scale = without_light(light, grey, weight)
-                weight = np.clip(1.0 - (off / (_TUKEY * scale)) ** 2, 0.0, None) ** 2
-            if system is None or turn % _RENEWED == 0:
+            if light is None:
+                off = self._even_light(level, seen).residual(grey)
+                light = Light(self._light[level][seen], _tukey(off, robust_scale(off)))
+                off = light.residual(grey)
+                scale = robust_scale(off)
+                weight = _tukey(off, scale)
                 unit = 1.0 / scale**2 / CORRELATED[level]
-                design = self._design(placed, self._slope[level])[seen]
-                system = PrintEquations.of(design, light, unit * weight, _PRIOR)
+                system = PrintEquations.of(self._design(placed, self._slope[level])[seen], light, unit, _PRIOR)
+            else:
+                off = light.residual(grey)
+                weight = _tukey(off, robust_scale(off))
             if system is None:
-                return open_
+                return _open(start)
             explained = float(np.mean(np.clip(1.0 - (off / self._limits[level]) ** 2, 0.0, None) ** 2))
             step, shared = system.step(unit * weight * off, x)
             x = x + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
-            if abs(step[THETA]) < _CONVERGED_RAD and np.abs(step[X:]).max() < _CONVERGED_M:
+            if step @ system.information @ step < _CONVERGED**2:
                 break
         if system is None or not np.all(np.isfinite(x)):
-            return open_
+            return _open(start)
         return PrintPose(x, system.covariance, explained, (system.shared, shared), system.by_rest)
 
     def _placed(self, x: Array) -> _Placed:
@@ -273,24 +289,24 @@ class PrintFollower:
         tip = np.array([[c[0], 0, s[0]], [0, 1, 0], [-s[0], 0, c[0]]])
         roll = np.array([[1, 0, 0], [0, c[1], -s[1]], [0, s[1], c[1]]])
         yaw = np.array([[c[2], -s[2], 0], [s[2], c[2], 0], [0, 0, 1]])
-        tipped = self._arms @ tip.T
-        rolled = tipped @ roll.T
-        turned = rolled @ yaw.T
-        shift = x[X:] + np.array([self._radius * x[THETA], 0.0, 0.0])
-        points = turned + (self._pivot + shift)
+        arms = self._arms @ (yaw @ roll @ tip).T
+        points = arms + (self._pivot + x[X:] + np.array([self._radius * x[THETA], 0.0, 0.0]))
         pixels = project_ideal(self._camera, points @ self._R.T + self._t)
         if self._rate and self._camera.line_time_s:
             # Each row is read out at its own time.
             late = self._rate * row_delay_s(self._camera, pixels[:, 1])
-            points[:, 0] += late * (turned[:, 2] + self._radius)
-            points[:, 2] -= late * turned[:, 0]
+            points[:, 0] += late * (arms[:, 2] + self._radius)
+            points[:, 2] -= late * arms[:, 0]
             pixels = project_ideal(self._camera, points @ self._R.T + self._t)
-        sight = points - self._camera.T_world_camera[:3, 3]
-        normals = self._template.normals @ (yaw @ roll @ tip).T
-        facing = -np.sum(normals * sight, axis=1) > 0.15 * np.linalg.norm(sight, axis=1)
+        return _Placed((tip, roll, yaw), arms, points, pixels)
+
+    def _seen(self, placed: _Placed) -> NDArray[np.bool_]:
+        """True (m,) for points in the image that face the camera."""
+        sight = placed.points - self._camera.T_world_camera[:3, 3]
+        normals = self._template.normals @ placed.whole.T
+        facing = -np.einsum("ni,ni->n", normals, sight) > _STEEPEST * np.linalg.norm(sight, axis=1)
         far = np.array([self._camera.width - 3, self._camera.height - 3])
-        seen = facing & np.all((pixels > 2) & (pixels < far), axis=1)
-        return _Placed((tip, roll, yaw), (tipped, rolled, turned), sight, pixels, seen)
+        return facing & np.all((placed.pixels > 2) & (placed.pixels < far), axis=1)
 
     def _design(self, placed: _Placed, slope: Array) -> Array:
         """Derivatives (m, 9) of the image's grey values at the points.
@@ -303,12 +319,14 @@ class PrintFollower:
             slope: (m, 3) gradient along the surface at rest, in W [grey/m].
         """
         tip, roll, yaw = placed.turns
-        whole = yaw @ roll @ tip
+        whole = placed.whole
         normal, along = self._template.normals @ whole.T, slope @ whole.T
         # A shift off the surface looks like one along it.
-        across = np.sum(along * placed.sight, axis=1) / np.sum(normal * placed.sight, axis=1)
+        sight = placed.points - self._camera.T_world_camera[:3, 3]
+        across = np.einsum("ni,ni->n", along, sight) / np.einsum("ni,ni->n", normal, sight)
         by_shift = along - across[:, None] * normal
-        tipped, rolled, turned = placed.arms
+        tipped = self._arms @ tip.T
+        rolled, turned = tipped @ roll.T, placed.arms
         design = np.empty((len(slope), 9))
         by_tip, by_roll = by_shift @ (yaw @ roll), by_shift @ yaw
         design[:, THETA] = tipped[:, 2] * by_tip[:, 0] - tipped[:, 0] * by_tip[:, 2]
@@ -327,13 +345,13 @@ class PrintFollower:
         Only what both halves of the images show counts as print.
         """
         placed, level = self._placed(np.zeros(6)), len(BLURS_PX) - 1
-        strong = placed.seen & (self._template.strength > _LEAST_STRENGTH)
+        strong = self._seen(placed) & (self._template.strength > _LEAST_STRENGTH)
         if strong.sum() < _LEAST_SEEN:
             return math.inf
         one, other = (self._design(placed, half[level])[strong, :6] for half in self._template.slope)
-        light = self._light[level][strong]
+        light = Light(self._light[level][strong], np.ones(int(strong.sum())))
         row = 1.0 / max(self._template.noise[level], LEAST_NOISE) ** 2 / CORRELATED[level]
-        free = [each - light @ np.linalg.lstsq(light, each, rcond=None)[0] for each in (one, other)]
+        free = [each - light.terms @ light.fit(each) for each in (one, other)]
         common = row * (free[0].T @ free[1])
         information = 0.5 * (common + common.T)
         print_, prior = information[THETA, THETA], np.diag(_PRIOR)
@@ -343,6 +361,11 @@ class PrintFollower:
         rest = np.linalg.solve(information[1:, 1:] + prior[1:, 1:], information[1:, THETA])
         left = print_ - float(information[THETA, 1:] @ rest)
         return 1.0 / math.sqrt(left) if left > 0.0 else math.inf
+
+
+def _tukey(off: Array, scale: float) -> Array:
+    """Weights (n,) of residuals: 1 at 0, 0 from `_TUKEY` scales on (Beaton & Tukey 1974)."""
+    return np.clip(1.0 - (off / (_TUKEY * scale)) ** 2, 0.0, None) ** 2
 
 
 def _open(start: Array) -> PrintPose:

@@ -24,6 +24,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from analyze.tracking.camera_model import distort, project_ideal, project_jacobian, world_to_camera
+from analyze.tracking.print_equations import light_waves
 from analyze.types import CameraModel
 
 if TYPE_CHECKING:
@@ -78,8 +79,8 @@ class PrintTemplate:
     of the outline, where the background may be seen"""
     noise: Array
     """(levels,) robust scale of one image's grey values about those at rest [grey]"""
-    shading: Array
-    """(m, 3) 1 and the place in the image at rest, over 50 px, about the face's middle: the light's terms"""
+    waves: Array
+    """(m, w) waves of the light over the faces"""
 
     @property
     def faces(self) -> int:
@@ -199,7 +200,7 @@ def print_template(
         slope[:, :, kept],
         strength[kept],
         noise,
-        _shading(places, number),
+        light_waves(places, number),
     )
 
 
@@ -217,15 +218,6 @@ def _scatter(rest: Sequence[NDArray[np.float32]], blur_px: float, rows: IntArray
         return 0.0
     values = [blurred(image, blur_px)[rows, columns] for image in rest[:_COMPARED]]
     return 1.4826 * float(np.median(np.abs(np.diff(values, axis=0)))) / math.sqrt(2.0)
-
-
-def _shading(pixels: Array, face: IntArray) -> Array:
-    """Light's terms (m, 3): 1, and each point's place in the image about its face's middle, over 50 px."""
-    shading = np.ones((len(pixels), 3))
-    for name in range(int(face.max(initial=-1)) + 1):
-        here = face == name
-        shading[here, 1:] = (pixels[here] - pixels[here].mean(axis=0)) / 50.0
-    return shading
 
 
 def visible_triangles(camera: CameraModel, placed: Array, triangles: IntArray) -> tuple[IntArray, IntArray]:
