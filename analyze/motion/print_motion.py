@@ -48,12 +48,15 @@ _REST_CONVERGED = np.array([math.radians(0.06), np.inf, 5e-4])
 """correction of the pose at rest below which the strike is not tracked again"""
 MAX_THETA_SD = math.radians(0.1)
 """largest standard deviation of theta in one frame at rest [rad]: above it the print is too poor"""
-BIAS_SD = math.radians(0.03)
+BIAS_SD = math.radians(0.012)
 """1 sigma of theta's error that neighbouring frames share: grey values between pixels, light, the pose at
 rest"""
-PLACE_SD = 0.25e-3
+OBLIQUE_SD = math.radians(0.2)
+"""1 sigma of such an error, times the sine of the angle between the line of sight and the edge: roll and yaw
+of the tip look like a tip then"""
+PLACE_SD = 0.15e-3
 """1 sigma of slow errors of slip and lift [m], as of theta"""
-BIAS_PER_MISFIT, PLACE_PER_MISFIT = math.radians(0.5), 4e-3
+BIAS_PER_MISFIT, PLACE_PER_MISFIT = math.radians(0.8), 4e-3
 """1 sigma of further slow errors of theta [rad] and of slip and lift [m], per share of the print that moving
 frames do not explain: highlights, shadows and coding"""
 _REST_BEFORE_CONTACT_NS = 4_000_000
@@ -173,7 +176,7 @@ def print_motion(
     assert best is not None  # noqa: S101 - there is a step
     seen_by = _moved_camera(camera, pivot, best[1])
     view = rest_view(rest, seen_by, shape[0], placement)
-    return _planar(frames, best[2], rested, camera, float(best[1][0])), view
+    return _planar(frames, best[2], rested, seen_by, pivot, float(best[1][0])), view
 
 
 def rest_view(
@@ -285,7 +288,12 @@ def _refuse_vague(theta_sd: float) -> None:
 
 
 def _planar(
-    frames: Sequence[ImageFrame], poses: Sequence[PrintPose], rested: int, camera: CameraModel, yaw: float
+    frames: Sequence[ImageFrame],
+    poses: Sequence[PrintPose],
+    rested: int,
+    camera: CameraModel,
+    pivot: Array,
+    yaw: float,
 ) -> PlanarMotion:
     """Motion of the frames in which the print was found, against that at rest."""
     explained = np.array([pose.explained for pose in poses])
@@ -300,6 +308,8 @@ def _planar(
     scatter = float(np.std(np.diff(x[:rested, THETA])) / math.sqrt(2.0)) if rested > 4 else np.inf
     factor = min(1.0, max(scatter / float(np.median(single[:rested])), 0.3))
     place = [THETA, X, Z]
+    sight = pivot - camera.T_world_camera[:3, 3]
+    oblique = abs(float(sight[0])) / float(np.linalg.norm(sight))
     off_axis = np.hypot(x[:, ROLL], x[:, YAW])
     off_sd = np.sqrt(covariance[:, ROLL, ROLL] + covariance[:, YAW, YAW])
     angle = TipAngle(
@@ -309,7 +319,9 @@ def _planar(
         off_axis=off_axis,
         slip=x[:, X],
         zero_sd=math.hypot(0.5 * BIAS_SD, factor * float(np.median(single[:rested])) / math.sqrt(rested)),
-        slow_sd=math.hypot(BIAS_SD, BIAS_PER_MISFIT * misfit, _theta_sd_by_rest(poses, rested)),
+        slow_sd=math.hypot(
+            BIAS_SD, OBLIQUE_SD * oblique, BIAS_PER_MISFIT * misfit, _theta_sd_by_rest(poses, rested)
+        ),
         strain_sd=camera.strain_sd,
     )
     planar = covariance[:, place][:, :, place] * factor**2
