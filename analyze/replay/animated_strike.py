@@ -181,6 +181,7 @@ def _animated(
     time_ns = np.array([image.time_ns for image in images]) + _late_ns(tracks, images)
     calibration = recording.manifest.cameras[0].calibration
     camera = turned_camera(camera_of_strike(calibration, record.T_world_camera), planned.heading_rad)
+    camera = overlay.camera_of_report(reading.report, camera)
     rest = overlay.pose_at_rest(planned, tracks, markers, camera, contact_ns)
     inside = (time_ns >= fitted.time_ns[0]) & (time_ns <= fitted.time_ns[-1])
     theta = np.where(

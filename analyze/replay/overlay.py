@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from analyze.geometry.object_model import ObjectModel
+    from analyze.tracking.track import TrackingReport
     from analyze.types import Array, CameraModel, IntArray, Marker, MarkerTrack
     from schemas.strike_plan import PlannedStrike
 
@@ -24,6 +25,16 @@ _MIN_REST_FRAMES = 3
 """Least number of frames at rest from which a rest pose is computed."""
 _MIN_DEPTH_M = 0.02
 """Depth [m] in front of the camera below which points are not drawn."""
+
+
+def camera_of_report(report: TrackingReport | None, camera: CameraModel) -> CameraModel:
+    """Camera as seen from the object's planned pose: `camera`, or where its print saw it put down otherwise.
+
+    Args:
+        report: tracking of the strike; None if there is none.
+        camera: camera with its pose in W, the world frame of the strike.
+    """
+    return camera if report is None or report.rest_view is None else report.rest_view.camera
 
 
 def pose_at_rest(

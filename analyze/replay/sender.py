@@ -207,8 +207,8 @@ class Sender:
         ]
         if not record.contact_time_ns and (contact_ns := contact_from_motion(reading.motion)) is not None:
             self.timelines.state_contact(record.strike_id, contact_ns)
-        tracks = () if reading.report is None else reading.report.tracks
-        send_strike(self.timelines, record, reading.motion, tracks, body, self._colours()[record.strike_id])
+        colour = self._colours()[record.strike_id]
+        send_strike(self.timelines, record, reading.motion, reading.report, body, colour)
         self._send_progress(more=more)
 
     # --- tosses

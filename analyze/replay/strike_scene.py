@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from analyze.replay.body import SceneInputs
     from analyze.replay.timelines import Timelines
     from analyze.replay.views import DrawnAnswer
+    from analyze.tracking.track import TrackingReport
     from analyze.types import Array, IntArray, MarkerTrack, MotionFit, TipAngle, TipMotion
     from schemas.proto import percuss_pb2 as pb
     from schemas.strike_plan import PlannedStrike
@@ -33,7 +34,7 @@ def send_strike(
     timelines: Timelines,
     record: pb.StrikeRecord,
     motion: TipMotion,
-    tracks: Sequence[MarkerTrack],
+    report: TrackingReport | None,
     body: SceneInputs,
     colour: Colour,
 ) -> None:
@@ -46,7 +47,7 @@ def send_strike(
         timelines: timelines of the stream.
         record: the strike as recorded.
         motion: measured motion of the strike.
-        tracks: tracked markers of the strike.
+        report: tracking of the strike; None if there is none.
         body: object, plan and camera.
         colour: colour of the strike's curve on the page that shows all strikes.
     """
@@ -54,7 +55,7 @@ def send_strike(
     timelines.log_static(
         f"{root}/text", rr.TextDocument(strike_text(motion, record.choice_text), media_type="text/markdown")
     )
-    _tags(timelines, f"{root}/camera", contact, tracks)
+    _tags(timelines, f"{root}/camera", contact, () if report is None else report.tracks)
     if motion.angle is None or len(motion.angle.time_ns) < 2:
         return
     _curves(timelines, root, contact, motion, motion.angle)
@@ -64,7 +65,7 @@ def send_strike(
     _phases(timelines, f"{root}/phases", contact, motion, motion.angle)
     planned, body = body.planned(record.plan_strike_id), body.seen_from(record.T_world_camera)
     if planned is not None:
-        _over_image(timelines, f"{root}/camera", contact, motion, motion.angle, tracks, body, planned)
+        _over_image(timelines, f"{root}/camera", contact, motion, motion.angle, report, body, planned)
         _space(timelines, f"{root}/world", contact, motion.angle, body, planned)
 
 
@@ -156,7 +157,7 @@ def _over_image(
     contact_ns: int,
     motion: TipMotion,
     angle: TipAngle,
-    tracks: Sequence[MarkerTrack],
+    report: TrackingReport | None,
     body: SceneInputs,
     planned: PlannedStrike,
 ) -> None:
@@ -165,7 +166,8 @@ def _over_image(
     Only the axis is sent without a fit, or if the fit has fewer than three frames or no rate constant k of
     the motion theta'' = -k sin(phi - theta), theta the tipping angle, phi the balance angle.
     """
-    camera = body.camera_of(planned)
+    camera = overlay.camera_of_report(report, body.camera_of(planned))
+    tracks = () if report is None else report.tracks
     rest = overlay.pose_at_rest(planned, tracks, body.markers, camera, contact_ns)
     pivot = rest[0] @ np.array(planned.pivot.point) + rest[1]
     half = 0.75 * float(np.ptp(body.model.vertices @ np.array(planned.pivot.direction)))
