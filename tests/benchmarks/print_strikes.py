@@ -131,7 +131,7 @@ def film(
     times = np.arange(-round(REST_S * RATE_HZ), int(motion.time[-1] * RATE_HZ)) / RATE_HZ
     times = times + rng.random() / RATE_HZ
     times = times[times < motion.time[-1] - 0.01]
-    path = _Path(motion, heading, how.arm_across)
+    path = FilmPath(motion, heading, how.arm_across)
     images = [_exposed(renderer, path, time, how) for time in times]
     if how.shadow:
         images = [_shadowed(image, time) for image, time in zip(images, times, strict=True)]
@@ -143,10 +143,10 @@ def film(
     ]
 
 
-class _Path:
+class FilmPath:
     """Poses of object and arm at any time, as `Renderer.render` takes them."""
 
-    def __init__(self, motion: StruckMotion, heading: float, arm_across: bool) -> None:
+    def __init__(self, motion: StruckMotion, heading: float, arm_across: bool = False) -> None:
         turn = Rotation.from_euler("z", heading)
         self._motion = motion
         self._rotations = Slerp(motion.time, turn * Rotation.from_quat(motion.quaternion))
@@ -164,7 +164,7 @@ class _Path:
         return p, q, np.full(len(p), PARKED), np.tile([-1.5, 0.0, 0.3], (len(p), 1))
 
 
-def _exposed(renderer: Renderer, path: _Path, time: float, how: Filming) -> np.ndarray:
+def _exposed(renderer: Renderer, path: FilmPath, time: float, how: Filming) -> np.ndarray:
     moved = not np.array_equal(path.at(np.array([time - 0.02]))[0], path.at(np.array([time + 0.02]))[0])
     if not how.readout_s or not (moved or how.arm_across):
         return _at_once(renderer, path, time, how)
@@ -176,7 +176,7 @@ def _exposed(renderer: Renderer, path: _Path, time: float, how: Filming) -> np.n
     return np.concatenate([bands[n][edges[n] : edges[n + 1]] for n in range(BANDS)])
 
 
-def _at_once(renderer: Renderer, path: _Path, time: float, how: Filming) -> np.ndarray:
+def _at_once(renderer: Renderer, path: FilmPath, time: float, how: Filming) -> np.ndarray:
     exposure = 1e-6 * how.exposure_us
     count = renderer.subexposures_needed(*path.at(time + np.array([-0.5, 0.5]) * exposure))
     poses = path.at(time + ((np.arange(count) + 0.5) / count - 0.5) * exposure)
