@@ -170,6 +170,8 @@ def fit_model(
 
 _OWN_SCALE = np.repeat([1e-2, 1e-1, 1e-3, 1e-2], 3)
 """typical changes of a toss's own unknowns [rad, rad/s, m, m/s]"""
+_LEAST_INFORMATION = 1e-14
+"""least information about an unknown, and share of it about a direction, that counts as any"""
 _SCALE = 30.0
 """factor on typical changes: a step of 3e-4 of them ends the fit"""
 
@@ -184,8 +186,10 @@ def _result(model: FlightModel, prior: FlightPrior, found: Minimum, corner_sd: A
     by = found.jacobian[:rows] * (np.sqrt(found.weight[:rows]) / corner_sd)[:, None]
     information = by.T @ by / noise
     information[: model.shared, : model.shared] += np.diag(sd**-2)
-    size = np.sqrt(np.diag(information))
-    covariance = np.linalg.inv(information / np.outer(size, size)) / np.outer(size, size)
+    size = np.sqrt(np.maximum(np.diag(information), _LEAST_INFORMATION))
+    # A start that led nowhere leaves some unknowns open: their variance is large, not absent.
+    values, vectors = np.linalg.eigh(information / np.outer(size, size))
+    covariance = (vectors / np.maximum(values, _LEAST_INFORMATION)) @ vectors.T / np.outer(size, size)
     whole = np.concatenate([z / np.sqrt(found.weight[:rows]), found.residual[rows:] / sd])
     return TossFit(
         model,

@@ -93,3 +93,15 @@ def test_rows_read_later_show_the_flight_later() -> None:
     early = np.repeat(views.seconds[views.frame] < 0.05, 8)
     assert np.abs(expected - still)[early].max() > 3.0
     assert model(x)[0][early] == pytest.approx(expected[early], abs=0.02)
+
+
+def test_a_start_that_leads_nowhere_leaves_the_motion_open() -> None:
+    """As far away as nothing is seen of a turn, the equations are singular; their answer is no knowledge."""
+    views, tags = tossed(BOX, np.random.default_rng(4))
+    body, prior = known(BOX)
+    start = true_start(BOX, np.random.default_rng(4))
+    far = replace(start, place=start.place + np.array([0.0, 1e16, 0.0]))
+    fit = fit_tosses(body, prior, CAMERA, tags, [(views, far)])
+    sd = np.sqrt(np.diag(fit.covariance)[fit.model.shared :])
+    assert np.all(np.isfinite(sd))
+    assert np.all(sd > 1e3)
