@@ -1,6 +1,7 @@
 """Strikes on a box without a tag, by its printed side."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -41,6 +42,25 @@ def test_the_print_shows_the_tip_as_well_as_tags():
     assert abs(math.degrees(found.fit.phi - made.phi)) < 0.05
     assert abs(found.fit.k / made.k - 1) < 0.003
     assert abs(found.fit.phi - made.phi) < 3 * math.sqrt(found.fit.covariance[0, 0])
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_the_edge_of_a_shadow_may_cross_the_print(number):
+    _, model = box()
+    made = tip(number, seed=0)
+    place = np.linspace(-1.0, 1.0, made.frames[0].image.shape[1])
+    dark = [1.0 - 0.3 / (1.0 + np.exp((place + 0.8 - 1.2 * theta) / 0.02)) for theta in made.theta]
+    frames = [
+        replace(frame, image=np.rint(frame.image * each).astype(np.uint8))
+        for frame, each in zip(made.frames, dark, strict=True)
+    ]
+    shape = model.vertices, model.faces
+    motion, _ = print_motion(frames, camera(), shape, placement_of(made.planned), made.contact_ns)
+    frame = np.rint((motion.angle.time_ns - made.frames[0].time_ns) * 1e-9 * RATE_HZ).astype(int)
+    moving = (made.theta[frame] > 0.02) & (made.theta[frame] < 1.5)
+    off = np.degrees(motion.angle.theta - made.theta[frame])[moving]
+    assert moving.sum() > 50
+    assert np.sqrt(np.mean(off**2)) < 0.07
 
 
 def test_a_blank_side_is_refused_with_what_to_do():
