@@ -23,6 +23,7 @@ from analyze.motion.tip_angle import PlanarMotion
 from analyze.tracking.camera_model import project_ideal, world_to_camera
 from analyze.tracking.print_follower import ROLL, THETA, YAW, PrintFollower, X, Z
 from analyze.tracking.print_likeness import RestView
+from analyze.tracking.print_points import print_points
 from analyze.tracking.print_template import IdealImages, print_template
 from analyze.tracking.track import TrackingReport, track_markers
 from analyze.types import TipAngle
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from analyze.motion.strike_task import StrikeTask
     from analyze.motion.tip_angle import Placement
     from analyze.tracking.print_follower import PrintPose
+    from analyze.tracking.print_points import PrintPoints
     from analyze.types import Array, CameraModel, ImageFrame, IntArray, Marker, TipMotion
 
 REST_SD = np.array([math.radians(1.5), 3e-3, 3e-3])
@@ -104,8 +106,10 @@ def analyse_images(
         raise TrackingError("the object has no tags, and its shape is not known yet: it cannot be followed")
     images = list(frames)
     times_ns = np.array([frame.time_ns for frame in images], dtype=np.int64)
-    motion, view = print_motion(images, camera, shape, placement_of(task.planned), task.contact_time_ns)
-    report = TrackingReport((), (), times_ns, view)
+    motion, view, points = print_motion(
+        images, camera, shape, placement_of(task.planned), task.contact_time_ns
+    )
+    report = TrackingReport((), (), times_ns, view, points)
     unseen_ns = np.setdiff1d(times_ns, motion.angle.time_ns)
     task = replace(task, images_end_ns=report.images_end_ns, unmarked_ns=unseen_ns)
     analysed = analyse_motion(motion, task, MotionSettings())
@@ -118,7 +122,7 @@ def print_motion(
     shape: tuple[Array, IntArray],
     placement: Placement,
     contact_time_ns: int,
-) -> tuple[PlanarMotion, RestView]:
+) -> tuple[PlanarMotion, RestView, PrintPoints]:
     """Motion of a strike from its images by the print that the camera sees at rest.
 
     Args:
@@ -129,8 +133,8 @@ def print_motion(
         contact_time_ns: log time of the contact [ns]; 0 if unknown.
 
     Returns:
-        Tipping angle, slip and lift of the pivot in every frame in which the print was found; and the object
-        at rest.
+        Tipping angle, slip and lift of the pivot in every frame in which the print was found; the object at
+        rest; and some of the points that were followed.
 
     Raises:
         TrackingError: fewer than three images at rest, or a print too poor to show the tip.
@@ -176,7 +180,9 @@ def print_motion(
     assert best is not None  # noqa: S101 - there is a step
     seen_by = _moved_camera(camera, pivot, best[1])
     view = rest_view(rest, seen_by, shape[0], placement)
-    return _planar(frames, best[2], rested, seen_by, pivot, float(best[1][0])), view
+    times_ns = np.array([frame.time_ns for frame in frames], dtype=np.int64)
+    points = print_points(times_ns, best[2], camera)
+    return _planar(frames, best[2], rested, seen_by, pivot, float(best[1][0])), view, points
 
 
 def rest_view(

@@ -21,11 +21,14 @@ if TYPE_CHECKING:
     from analyze.replay.body import SceneInputs
     from analyze.replay.timelines import Timelines
     from analyze.replay.views import DrawnAnswer
+    from analyze.tracking.print_points import PrintPoints
     from analyze.tracking.track import TrackingReport
     from analyze.types import Array, IntArray, MarkerTrack, MotionFit, TipAngle, TipMotion
     from schemas.proto import percuss_pb2 as pb
     from schemas.strike_plan import PlannedStrike
 
+_EXPLAINED = 0.5
+"""Share of a point's grey value from which it counts as explained."""
 _MAX_TABLE_THICKNESS_M = 0.02
 """Greatest half thickness [m] of the drawn table."""
 
@@ -56,6 +59,8 @@ def send_strike(
         f"{root}/text", rr.TextDocument(strike_text(motion, record.choice_text), media_type="text/markdown")
     )
     _tags(timelines, f"{root}/camera", contact, () if report is None else report.tracks)
+    if report is not None and report.print_points is not None:
+        _print(timelines, f"{root}/camera", contact, report.print_points)
     if motion.angle is None or len(motion.angle.time_ns) < 2:
         return
     _curves(timelines, root, contact, motion, motion.angle)
@@ -122,6 +127,24 @@ def _tags(timelines: Timelines, root: str, contact_ns: int, tracks: Sequence[Mar
         return
     corners = np.array([tracks[number].corners_px[i] for _, number, i in rows])
     send_outlines(timelines, root, contact_ns, np.array([row[0] for row in rows]), corners)
+
+
+def _print(timelines: Timelines, root: str, contact_ns: int, points: PrintPoints) -> None:
+    """Send the points of the print that were followed: green where the image is explained, else red.
+
+    Args:
+        timelines: timelines of the stream.
+        root: path of the camera's image in the stream, below which the points are put.
+        contact_ns: log time of the contact [ns], at which the time shown is 0.
+        points: the points in the strike's images.
+    """
+    columns = timelines.time_columns(points.time_ns, contact_ns)
+    explained = points.explained >= _EXPLAINED
+    seen = np.isfinite(points.explained)
+    for name, colour, drawn in (("print", GREEN, seen & explained), ("misfit", RED, seen & ~explained)):
+        places = rr.Points2D.columns(positions=points.pixels[drawn] + 0.5).partition(drawn.sum(axis=1))
+        timelines.stream.send_columns(f"{root}/{name}", columns, places)
+        timelines.log_static(f"{root}/{name}", rr.Points2D.from_fields(colors=[colour], radii=[-1.2]))
 
 
 def send_outlines(

@@ -53,7 +53,7 @@ class PrintEquations:
             free = design - light.terms @ light.fit(design)
             normal = unit * (free * light.weight[:, None]).T @ free
             information = normal[:6, :6] + np.diag(prior)
-            by_rest = -np.linalg.solve(information, normal[:6, 6:])
+            by_rest = np.asarray(-np.linalg.solve(information, normal[:6, 6:]), dtype=np.float64)
         except np.linalg.LinAlgError:
             return None
         shared = normal[6:, 6:] + normal[6:, :6] @ by_rest
@@ -149,4 +149,6 @@ def contrast(grey: Array, waves: Array, face: IntArray) -> float:
     """
     if not len(grey):
         return 0.0
-    return float(np.std(Light(light_terms(np.zeros(len(grey)), waves, face), np.ones(len(grey))).residual(grey)))
+    return float(
+        np.std(Light(light_terms(np.zeros(len(grey)), waves, face), np.ones(len(grey))).residual(grey))
+    )

@@ -6,7 +6,7 @@ linear gradient are fitted with the pose, and drop out. Wrong pixels (a hand, a 
 their weight by Tukey's function.
 """
 
-# numpy and cv2 are only partly typed.
+# numpy is only partly typed.
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 
 from analyze.tracking.camera_model import project_ideal, world_to_camera
@@ -27,13 +26,13 @@ from analyze.tracking.print_equations import (
     light_terms,
     robust_scale,
 )
-from analyze.tracking.print_template import BLURS_PX, blurred
+from analyze.tracking.print_template import BLURS_PX, BlurredPart
 from analyze.tracking.rolling_shutter import row_delay_s
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from analyze.tracking.print_template import Box, IdealImages, PrintTemplate
+    from analyze.tracking.print_template import IdealImages, PrintTemplate
     from analyze.types import Array, CameraModel
 
 THETA, ROLL, YAW, X, Y, Z = range(6)
@@ -84,31 +83,16 @@ class PrintPose:
     covariance: Array
     """(6, 6) their covariance, from the noise of the pixels and the priors"""
     explained: float
-    """mean weight of the points, 1 where all fit"""
+    """mean of `explained_points`, 1 where all fit"""
+    pixels: Array
+    """(m, 2) ideal pixels of the template's points"""
+    explained_points: Array
+    """(m,) share of each point's grey value that is explained, 0 to 1; NaN out of view"""
     shared: tuple[Array, Array]
     """information (3, 3) and gradient (3,) about the rest pose: turn about W's z [rad], shift along x and y
     [m], with the frame's own unknowns fitted"""
     by_rest: Array
     """(6, 3) change of the unknowns by the rest pose"""
-
-
-class _View:
-    """Part of one image free of distortion, blurred level by level as it is needed."""
-
-    def __init__(self, images: IdealImages, image: NDArray[np.uint8], box: Box) -> None:
-        self._ideal = images.ideal(image, box)
-        self._origin = np.array([box[1].start, box[0].start])
-        self._levels: dict[int, NDArray[np.float32]] = {}
-
-    def at(self, pixels: Array, level: int) -> Array:
-        """Grey values (n,) at (n, 2) [px] of the whole image; pixels outside take the nearest value."""
-        if level not in self._levels:
-            self._levels[level] = blurred(self._ideal, BLURS_PX[level])
-        inner = (pixels - self._origin).astype(np.float32)
-        found = cv2.remap(
-            self._levels[level], inner[:, :1], inner[:, 1:], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        )
-        return found[:, 0].astype(np.float64)
 
 
 @dataclass(frozen=True)
@@ -218,22 +202,22 @@ class PrintFollower:
                 break
         return pose
 
-    def _view(self, image: NDArray[np.uint8], x: Array, margin: int) -> _View:
+    def _view(self, image: NDArray[np.uint8], x: Array, margin: int) -> BlurredPart:
         """Part of an image around the points at given unknowns."""
         pixels = self._placed(x).pixels
         size = np.array([self._camera.width, self._camera.height])
         low = np.clip(pixels.min(axis=0) - margin, 0, size - 2 * margin).astype(int)
         high = np.clip(pixels.max(axis=0) + margin, low + 2 * margin, size).astype(int)
-        return _View(self._images, image, (slice(low[1], high[1]), slice(low[0], high[0])))
+        return BlurredPart(self._images, image, (slice(low[1], high[1]), slice(low[0], high[0])))
 
-    def _levels(self, view: _View, start: Array) -> PrintPose:
+    def _levels(self, view: BlurredPart, start: Array) -> PrintPose:
         """Fit from a start, level by level."""
         pose = self._fit(view, start, 0)
         for level in range(1, len(BLURS_PX)):
             pose = self._fit(view, pose.x, level)
         return pose
 
-    def _misfit(self, view: _View, x: Array) -> float:
+    def _misfit(self, view: BlurredPart, x: Array) -> float:
         """Robust scale of the coarse residuals at given unknowns [grey]."""
         placed = self._placed(x)
         seen = self._seen(placed)
@@ -249,18 +233,20 @@ class PrintFollower:
             self._lights[key] = Light(self._light[level][seen], np.ones(int(seen.sum())))
         return self._lights[key]
 
-    def _fit(self, view: _View, start: Array, level: int) -> PrintPose:
+    def _fit(self, view: BlurredPart, start: Array, level: int) -> PrintPose:
         x, seen = start.copy(), np.zeros(0, dtype=bool)
         light: Light | None = None
         system: PrintEquations | None = None
-        explained, shared, unit = 0.0, np.zeros(3), 0.0
+        explained, shared, unit = np.zeros(0), np.zeros(3), 0.0
+        pixels = np.zeros((0, 2))
         for turn in range(_ITERATIONS[level]):
             placed = self._placed(x)
             if turn % _RENEWED == 0:
                 light, seen = None, self._seen(placed)
                 if seen.sum() < _LEAST_SEEN:
-                    return _open(start)
-            grey = view.at(placed.pixels[seen], level)
+                    return _open(start, placed.pixels)
+            pixels = placed.pixels
+            grey = view.at(pixels[seen], level)
             if light is None:
                 off = self._even_light(level, seen).residual(grey)
                 light = Light(self._light[level][seen], _tukey(off, robust_scale(off)))
@@ -268,20 +254,26 @@ class PrintFollower:
                 scale = robust_scale(off)
                 weight = _tukey(off, scale)
                 unit = 1.0 / scale**2 / CORRELATED[level]
-                system = PrintEquations.of(self._design(placed, self._slope[level])[seen], light, unit, _PRIOR)
+                system = PrintEquations.of(
+                    self._design(placed, self._slope[level])[seen], light, unit, _PRIOR
+                )
             else:
                 off = light.residual(grey)
                 weight = _tukey(off, robust_scale(off))
             if system is None:
-                return _open(start)
-            explained = float(np.mean(np.clip(1.0 - (off / self._limits[level]) ** 2, 0.0, None) ** 2))
+                return _open(start, pixels)
+            explained = np.clip(1.0 - (off / self._limits[level]) ** 2, 0.0, None) ** 2
             step, shared = system.step(unit * weight * off, x)
             x = x + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
             if step @ system.information @ step < _CONVERGED**2:
                 break
         if system is None or not np.all(np.isfinite(x)):
-            return _open(start)
-        return PrintPose(x, system.covariance, explained, (system.shared, shared), system.by_rest)
+            return _open(start, pixels)
+        points = np.full(len(seen), np.nan)
+        points[seen] = explained
+        mean = float(np.mean(explained))
+        information = system.shared, shared
+        return PrintPose(x, system.covariance, mean, pixels, points, information, system.by_rest)
 
     def _placed(self, x: Array) -> _Placed:
         """Points of the template at the unknowns `x` (6,)."""
@@ -368,10 +360,11 @@ def _tukey(off: Array, scale: float) -> Array:
     return np.clip(1.0 - (off / (_TUKEY * scale)) ** 2, 0.0, None) ** 2
 
 
-def _open(start: Array) -> PrintPose:
+def _open(start: Array, pixels: Array) -> PrintPose:
     """Pose of a frame without a fit."""
     nothing = np.zeros((3, 3)), np.zeros(3)
-    return PrintPose(start, np.diag(_OPEN_SD**2), 0.0, nothing, np.zeros((6, 3)))
+    unseen = np.full(len(pixels), np.nan)
+    return PrintPose(start, np.diag(_OPEN_SD**2), 0.0, pixels, unseen, nothing, np.zeros((6, 3)))
 
 
 def _explained(pose: PrintPose) -> float:

@@ -131,6 +131,32 @@ def blurred(image: NDArray[np.float32], blur_px: float) -> NDArray[np.float32]:
     return np.asarray(cv2.GaussianBlur(image, (0, 0), blur_px), dtype=np.float32)
 
 
+class BlurredPart:
+    """Part of one image free of distortion, blurred level by level as it is needed.
+
+    Args:
+        images: removal of the camera's distortion.
+        image: (h, w) the camera's image.
+        box: rows and columns of the part.
+    """
+
+    def __init__(self, images: IdealImages, image: NDArray[np.uint8], box: Box) -> None:
+        """Take the part."""
+        self._ideal = images.ideal(image, box)
+        self._origin = np.array([box[1].start, box[0].start])
+        self._levels: dict[int, NDArray[np.float32]] = {}
+
+    def at(self, pixels: Array, level: int) -> Array:
+        """Grey values (n,) at (n, 2) [px] of the whole image; pixels outside take the nearest value."""
+        if level not in self._levels:
+            self._levels[level] = blurred(self._ideal, BLURS_PX[level])
+        inner = (pixels - self._origin).astype(np.float32)
+        found = cv2.remap(
+            self._levels[level], inner[:, :1], inner[:, 1:], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        return found[:, 0].astype(np.float64)
+
+
 def print_template(
     rest: Sequence[NDArray[np.float32]],
     camera: CameraModel,

@@ -17,6 +17,7 @@ from analyze.tracking.marker import Sighting, detect, families_of, is_marker, ma
 from analyze.tracking.marker_path import FoundMarker, MarkerPath, marker_spread
 from analyze.tracking.pose import choose_by_motion, solve_poses
 from analyze.tracking.print_likeness import RestView
+from analyze.tracking.print_points import PrintPoints
 from analyze.tracking.rolling_shutter import corners_at_one_time, delays_by_frame, row_delay_s
 from analyze.types import MarkerTrack
 from schemas.tags import family_and_id, name_order
@@ -47,12 +48,13 @@ class TrackingReport:
     tracks: tuple[MarkerTrack, ...]
     """tracks of the object's markers that were found"""
     unknown_ids: tuple[int | str, ...]
-    """markers of the object's families that it does not carry, seen in at least two full searches (in one, if
-    there was only one image)"""
+    """markers of the object's families that it does not carry, seen in two full searches (or the only one)"""
     image_times_ns: IntArray
     """(n,) log times of all images that were searched [ns]"""
     rest_view: RestView | None = None
     """the object at rest, where it is followed by its print; None with markers"""
+    print_points: PrintPoints | None = None
+    """some of the points of its print; None with markers"""
 
     @property
     def unmarked_ns(self) -> IntArray:

@@ -19,7 +19,7 @@ def test_the_print_shows_the_tip_as_well_as_tags():
     _, model = box()
     made = tip(0, seed=0)
     shape = model.vertices, model.faces
-    motion, _ = print_motion(made.frames, camera(), shape, placement_of(made.planned), made.contact_ns)
+    motion, _, _ = print_motion(made.frames, camera(), shape, placement_of(made.planned), made.contact_ns)
     frame = np.rint((motion.angle.time_ns - made.frames[0].time_ns) * 1e-9 * RATE_HZ).astype(int)
     moving = (made.theta[frame] > 0.02) & (made.theta[frame] < 1.5)
     off = np.degrees(motion.angle.theta - made.theta[frame])[moving]
@@ -55,7 +55,7 @@ def test_the_edge_of_a_shadow_may_cross_the_print(number):
         for frame, each in zip(made.frames, dark, strict=True)
     ]
     shape = model.vertices, model.faces
-    motion, _ = print_motion(frames, camera(), shape, placement_of(made.planned), made.contact_ns)
+    motion, _, _ = print_motion(frames, camera(), shape, placement_of(made.planned), made.contact_ns)
     frame = np.rint((motion.angle.time_ns - made.frames[0].time_ns) * 1e-9 * RATE_HZ).astype(int)
     moving = (made.theta[frame] > 0.02) & (made.theta[frame] < 1.5)
     off = np.degrees(motion.angle.theta - made.theta[frame])[moving]
