@@ -23,6 +23,7 @@ from analyze.motion.tip_angle import PlanarMotion
 from analyze.tracking.camera_model import project_ideal, world_to_camera
 from analyze.tracking.print_follower import ROLL, THETA, YAW, PrintFollower, X, Z
 from analyze.tracking.print_likeness import RestView
+from analyze.tracking.print_outline import outline_misfit
 from analyze.tracking.print_points import print_points
 from analyze.tracking.print_template import IdealImages, print_template
 from analyze.tracking.track import TrackingReport, track_markers
@@ -50,7 +51,7 @@ _REST_CONVERGED = np.array([math.radians(0.06), np.inf, 5e-4])
 """correction of the pose at rest below which the strike is not tracked again"""
 MAX_THETA_SD = math.radians(0.1)
 """largest standard deviation of theta in one frame at rest [rad]: above it the print is too poor"""
-BIAS_SD = math.radians(0.012)
+BIAS_SD = math.radians(0.015)
 """1 sigma of theta's error that neighbouring frames share: grey values between pixels, light, the pose at
 rest"""
 OBLIQUE_SD = math.radians(0.2)
@@ -71,6 +72,10 @@ _LEAST_REST = 3
 """least number of frames at rest"""
 _MOVED_NOISE = 4.0
 """median change of grey against the first images, over its scatter, from which on the object moves"""
+_OUTLINE_RAD, _OUTLINE_FRAMES = (math.radians(8.0), math.radians(50.0)), 8
+"""tips at which the outline is checked [rad], and number of frames"""
+MAX_OUTLINE_MISFIT = 0.02
+"""area that contradicts the planned outline, over the outline's, above which the object lies otherwise"""
 _LEAST_EXPLAINED = 0.6
 """share of the print that a frame must explain, over that at rest, to count"""
 
@@ -151,7 +156,7 @@ def print_motion(
     unknown: list[None] = [None] * len(frames)
     starts: Sequence[Array | None] = unknown
     rates: Sequence[float | None] = unknown
-    best: tuple[float, Array, list[PrintPose]] | None = None
+    best: tuple[float, Array, list[PrintPose], PrintFollower] | None = None
     for step in range(REST_STEPS + 1):
         # Where the object was put down otherwise, so was its edge: the camera is moved instead.
         before = _moved_camera(camera, pivot, turned)
@@ -166,7 +171,7 @@ def print_motion(
         ]
         explained = float(np.mean([pose.explained for pose in poses]))
         if best is None or explained > best[0]:
-            best = explained, turned, poses
+            best = explained, turned, poses, follower
         elif explained < _WORSE * best[0]:
             # Too far: half the way back.
             turned, starts = 0.5 * (turned + best[1]), unknown
@@ -180,6 +185,7 @@ def print_motion(
     assert best is not None  # noqa: S101 - there is a step
     seen_by = _moved_camera(camera, pivot, best[1])
     view = rest_view(rest, seen_by, shape[0], placement)
+    _check_outline(best[3], seen_by, (shape, placement), rest, (images, frames, best[2]))
     times_ns = np.array([frame.time_ns for frame in frames], dtype=np.int64)
     points = print_points(times_ns, best[2], camera)
     return _planar(frames, best[2], rested, seen_by, pivot, float(best[1][0])), view, points
@@ -270,6 +276,37 @@ def _theta_sd_by_rest(poses: Sequence[PrintPose], rested: int) -> float:
     covariance = np.linalg.inv(_rest_information(moving, 1.0 / (1.0 + len(moving) / rested)))
     change = np.array([pose.by_rest[THETA] for pose in moving]) - poses[0].by_rest[THETA]
     return float(np.sqrt(np.einsum("ni,ij,nj->n", change, covariance, change).max()))
+
+
+def _check_outline(
+    follower: PrintFollower,
+    camera: CameraModel,
+    put_down: tuple[tuple[Array, IntArray], Placement],
+    rest: Sequence[NDArray[np.float32]],
+    filmed: tuple[IdealImages, Sequence[ImageFrame], Sequence[PrintPose]],
+) -> None:
+    """Refuse a strike in which more, or less, than the planned shape moves with the print.
+
+    Raises:
+        TrackingError: the object was put down otherwise than planned.
+    """
+    (vertices, triangles), placement = put_down
+    images, frames, poses = filmed
+    low, high = _OUTLINE_RAD
+    found = [pose.explained > _LEAST_EXPLAINED and low < pose.x[THETA] < high for pose in poses]
+    usable = np.flatnonzero(found)
+    chosen = usable[:: max(1, len(usable) // _OUTLINE_FRAMES)]
+    if not len(chosen):
+        return
+    placed = vertices @ placement.R_world_object.T + placement.p_world_object
+    mean = np.mean(rest, axis=0)
+    moving = [(images.ideal(frames[number].image), poses[number].x) for number in chosen]
+    misfit = outline_misfit(follower, camera, (placed, triangles), mean, moving)
+    if misfit.worst > MAX_OUTLINE_MISFIT:
+        raise TrackingError(
+            "the object does not have the outline that its card shows: put it down as on the card and strike"
+            " again"
+        )
 
 
 def _refuse_unseen(faces: int) -> None:

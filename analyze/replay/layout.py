@@ -134,7 +134,9 @@ def _strike(page: StrikePage, reach: float) -> rrb.Horizontal:
     return rrb.Horizontal(
         rrb.Vertical(
             rrb.Spatial2DView(
-                origin=f"{root}/camera", name="Camera: tag or print, fitted pose, pivot axis", background=GROUND
+                origin=f"{root}/camera",
+                name="Camera: tag or print, fitted pose, pivot axis",
+                background=GROUND,
             ),
             scene_view(f"{root}/world", "Scene", eye, target),
             row_shares=[1.2, 1],

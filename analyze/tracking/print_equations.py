@@ -139,16 +139,13 @@ def light_terms(grey: Array, waves: Array, face: IntArray) -> Array:
     return np.concatenate(terms, axis=1)
 
 
-def contrast(grey: Array, waves: Array, face: IntArray) -> float:
-    """Standard deviation of grey values (m,) about the light on their faces [grey].
+def contrast(grey: Array, waves: Array, face: IntArray) -> Array:
+    """Grey values (m,) without what light alone would explain [grey].
 
     Args:
         grey: (m,) grey values at rest.
         waves: (m, w) waves of the light.
         face: (m,) number of each point's face.
     """
-    if not len(grey):
-        return 0.0
-    return float(
-        np.std(Light(light_terms(np.zeros(len(grey)), waves, face), np.ones(len(grey))).residual(grey))
-    )
+    light = Light(light_terms(np.zeros(len(grey)), waves, face), np.ones(len(grey)))
+    return -light.residual(grey)

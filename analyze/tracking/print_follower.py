@@ -26,7 +26,7 @@ from analyze.tracking.print_equations import (
     light_terms,
     robust_scale,
 )
-from analyze.tracking.print_template import BLURS_PX, BlurredPart
+from analyze.tracking.print_template import BLURS_PX, BlurredPart, by_rest_pose
 from analyze.tracking.rolling_shutter import row_delay_s
 
 if TYPE_CHECKING:
@@ -62,10 +62,14 @@ _LOST_BELOW = 0.6
 """mean weight of the points, over the usual one, below which a frame has no fit"""
 _LEAST_STRENGTH = 2.0
 """gradient from which on a point is print [grey/px]: shades of a facetted wall have less"""
+_LEAST_GAIN = 0.3
+"""contrast of the print over that at rest below which nothing is explained: on an even background it is 0"""
 _STEEPEST = 0.15
 """least cosine of the angle between a point's normal and the line of sight"""
 _LEAST_SEEN = 40
-"""number of points in view below which nothing is fitted"""
+"""number of points in view, beyond the terms of the light, below which nothing is fitted"""
+_LEAST_SHARE = 0.25
+"""the same over the number of the template's points: at the image's border a few points fit anywhere"""
 _NOISES = 3.0
 """residual over the noise, for a print without contrast, from which on a point is not explained"""
 _MARGIN_PX, _SEARCH_MARGIN_PX = 24, 90
@@ -142,11 +146,12 @@ class PrintFollower:
         self._interval_s, self._rate = interval_s, 0.0
         self._arms = template.points - pivot
         self._slope = template.slope.mean(axis=0)
-        self._by_rest = _by_rest_pose(template, camera, pivot) - _moved(self._arms)
+        self._by_rest = by_rest_pose(template, camera, pivot)
         self._light = [light_terms(grey, template.waves, template.face) for grey in template.grey]
+        self._contrast = [contrast(grey, template.waves, template.face) for grey in template.grey]
         self._limits = [
-            math.hypot(contrast(grey, template.waves, template.face), _NOISES * max(noise, LEAST_NOISE))
-            for grey, noise in zip(template.grey, template.noise, strict=True)
+            math.hypot(float(np.std(print_)), _NOISES * max(noise, LEAST_NOISE))
+            for print_, noise in zip(self._contrast, template.noise, strict=True)
         ]
         self._lights: dict[tuple[int, bytes], Light] = {}
         self._R, self._t = world_to_camera(camera)
@@ -223,8 +228,14 @@ class PrintFollower:
         seen = self._seen(placed)
         if seen.sum() < _LEAST_SEEN:
             return np.inf
-        off = self._even_light(0, seen).residual(view.at(placed.pixels[seen], 0))
-        return float(np.median(np.abs(off)))
+        grey = view.at(placed.pixels[seen], 0)
+        off = self._even_light(0, seen).residual(grey)
+        return float(np.median(np.abs(off))) / max(self._gain(0, seen, grey), 0.05)
+
+    def _gain(self, level: int, seen: NDArray[np.bool_], grey: Array) -> float:
+        """Contrast of the print in grey values (n,) of the points in view, over that at rest."""
+        print_ = self._contrast[level][seen]
+        return float(print_ @ grey) / max(float(print_ @ print_), 1e-9)
 
     def _even_light(self, level: int, seen: NDArray[np.bool_]) -> Light:
         """Light with equal weights at the points in view."""
@@ -237,14 +248,17 @@ class PrintFollower:
         x, seen = start.copy(), np.zeros(0, dtype=bool)
         light: Light | None = None
         system: PrintEquations | None = None
-        explained, shared, unit = np.zeros(0), np.zeros(3), 0.0
+        grey, off, shared, unit, spare = np.zeros(0), np.zeros(0), np.zeros(3), 0.0, 1.0
         pixels = np.zeros((0, 2))
         for turn in range(_ITERATIONS[level]):
             placed = self._placed(x)
             if turn % _RENEWED == 0:
                 light, seen = None, self._seen(placed)
-                if seen.sum() < _LEAST_SEEN:
+                freedom = int(seen.sum()) - self._light[level].shape[1]
+                if freedom < max(_LEAST_SEEN, _LEAST_SHARE * len(seen)):
                     return _open(start, placed.pixels)
+                # What the light explains by itself says nothing about the pose.
+                spare = math.sqrt(seen.sum() / freedom)
             pixels = placed.pixels
             grey = view.at(pixels[seen], level)
             if light is None:
@@ -253,7 +267,7 @@ class PrintFollower:
                 off = light.residual(grey)
                 scale = robust_scale(off)
                 weight = _tukey(off, scale)
-                unit = 1.0 / scale**2 / CORRELATED[level]
+                unit = 1.0 / (spare * scale) ** 2 / CORRELATED[level]
                 system = PrintEquations.of(
                     self._design(placed, self._slope[level])[seen], light, unit, _PRIOR
                 )
@@ -262,7 +276,6 @@ class PrintFollower:
                 weight = _tukey(off, robust_scale(off))
             if system is None:
                 return _open(start, pixels)
-            explained = np.clip(1.0 - (off / self._limits[level]) ** 2, 0.0, None) ** 2
             step, shared = system.step(unit * weight * off, x)
             x = x + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
             if step @ system.information @ step < _CONVERGED**2:
@@ -270,18 +283,32 @@ class PrintFollower:
         if system is None or not np.all(np.isfinite(x)):
             return _open(start, pixels)
         points = np.full(len(seen), np.nan)
-        points[seen] = explained
-        mean = float(np.mean(explained))
+        points[seen] = np.clip(1.0 - (spare * off / self._limits[level]) ** 2, 0.0, None) ** 2
+        points[seen] *= self._gain(level, seen, grey) > _LEAST_GAIN
+        mean = float(np.mean(points[seen]))
         information = system.shared, shared
         return PrintPose(x, system.covariance, mean, pixels, points, information, system.by_rest)
 
-    def _placed(self, x: Array) -> _Placed:
-        """Points of the template at the unknowns `x` (6,)."""
+    def on_main_face(self, pixels: Array) -> Array:
+        """Points (k, 3) at rest in W at (k, 2) ideal pixels, on the plane of the face with most points."""
+        template, eye = self._template, self._camera.T_world_camera[:3, 3]
+        main = template.face == np.bincount(template.face).argmax()
+        normal, middle = template.normals[main].mean(axis=0), template.points[main].mean(axis=0)
+        rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(self._camera.K).T
+        rays = rays @ self._camera.T_world_camera[:3, :3].T
+        return np.asarray(eye + rays * ((middle - eye) @ normal / (rays @ normal))[:, None], dtype=np.float64)
+
+    def moved(self, points: Array, x: Array) -> Array:
+        """Ideal pixels (k, 2) of points (k, 3) at rest in W, moved by the unknowns `x` (6,)."""
+        return self._placed(x, points - self._pivot).pixels
+
+    def _placed(self, x: Array, arms: Array | None = None) -> _Placed:
+        """Points of the template, or at other arms (k, 3) from the pivot, at the unknowns `x` (6,)."""
         c, s = np.cos(x[:3]), np.sin(x[:3])
         tip = np.array([[c[0], 0, s[0]], [0, 1, 0], [-s[0], 0, c[0]]])
         roll = np.array([[1, 0, 0], [0, c[1], -s[1]], [0, s[1], c[1]]])
         yaw = np.array([[c[2], -s[2], 0], [s[2], c[2], 0], [0, 0, 1]])
-        arms = self._arms @ (yaw @ roll @ tip).T
+        arms = (self._arms if arms is None else arms) @ (yaw @ roll @ tip).T
         points = arms + (self._pivot + x[X:] + np.array([self._radius * x[THETA], 0.0, 0.0]))
         pixels = project_ideal(self._camera, points @ self._R.T + self._t)
         if self._rate and self._camera.line_time_s:
@@ -369,22 +396,3 @@ def _open(start: Array, pixels: Array) -> PrintPose:
 
 def _explained(pose: PrintPose) -> float:
     return pose.explained
-
-
-def _by_rest_pose(template: PrintTemplate, camera: CameraModel, pivot: Array) -> Array:
-    """Derivative (m, 3, 3) of the points at rest by the pose at rest: turn about W's z, shift along x and y.
-
-    A point stays on its line of sight; its depth follows the face. The turn is about the pivot point.
-    """
-    ray = template.points - camera.T_world_camera[:3, 3]
-    moved = _moved(template.points - pivot)
-    depth = np.einsum("ni,nij->nj", template.normals, moved) / np.sum(template.normals * ray, axis=1)[:, None]
-    return ray[:, :, None] * depth[:, None, :]
-
-
-def _moved(arms: Array) -> Array:
-    """Derivative (m, 3, 3) of points, at arms (m, 3) from the pivot, by a turn about z and shifts in x, y."""
-    moved = np.zeros((len(arms), 3, 3))
-    moved[:, :, 0] = np.cross([0.0, 0.0, 1.0], arms)
-    moved[:, 0, 1] = moved[:, 1, 2] = 1.0
-    return moved

@@ -230,6 +230,31 @@ def print_template(
     )
 
 
+def by_rest_pose(template: PrintTemplate, camera: CameraModel, pivot: Array) -> Array:
+    """Derivative (m, 3, 3) of the points by the pose at rest, over that of the body's own turn and shift.
+
+    The pose at rest is a turn about W's z at the pivot point, and shifts along x and y. A point stays on its
+    line of sight; its depth follows the face.
+
+    Args:
+        template: points at rest.
+        camera: camera with its pose in W.
+        pivot: (3,) point of the pivot's centre line at rest, in W [m].
+    """
+    ray = template.points - camera.T_world_camera[:3, 3]
+    moved = _moved(template.points - pivot)
+    depth = np.einsum("ni,nij->nj", template.normals, moved) / np.sum(template.normals * ray, axis=1)[:, None]
+    return ray[:, :, None] * depth[:, None, :] - moved
+
+
+def _moved(arms: Array) -> Array:
+    """Derivative (m, 3, 3) of points, at arms (m, 3) from the pivot, by a turn about z and shifts in x, y."""
+    moved = np.zeros((len(arms), 3, 3))
+    moved[:, :, 0] = np.cross([0.0, 0.0, 1.0], arms)
+    moved[:, 0, 1] = moved[:, 1, 2] = 1.0
+    return moved
+
+
 def _gradients(image: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Derivatives (h, w) of an image along x and y [grey/px]."""
     return (

@@ -68,3 +68,29 @@ def test_a_blank_side_is_refused_with_what_to_do():
     made = tip(0, seed=0, blank=True)
     with pytest.raises(TrackingError, match=r"too little print.*stick on any sticker with print, or a tag"):
         print_motion(made.frames[:45], camera(), (model.vertices, model.faces), placement_of(made.planned), 0)
+
+
+@pytest.mark.parametrize("factor", [0.75, 1.3])
+def test_an_object_that_is_higher_or_lower_than_its_card_shows_is_refused(factor):
+    """As when another side is up."""
+    _, model = box()
+    made = tip(3, seed=0)
+    other = model.vertices.copy()
+    base = other[:, 2].min()
+    other[:, 2] = base + factor * (other[:, 2] - base)
+    with pytest.raises(TrackingError, match=r"outline that its card shows: put it down"):
+        print_motion(made.frames, camera(), (other, model.faces), placement_of(made.planned), made.contact_ns)
+
+
+def test_frames_without_the_print_are_left_out():
+    """As when the object leaves the image: an even background is no print."""
+    _, model = box()
+    made = tip(0, seed=0)
+    gone = len(made.frames) - 12
+    frames = [
+        replace(frame, image=np.full_like(frame.image, 90)) if number >= gone else frame
+        for number, frame in enumerate(made.frames)
+    ]
+    shape = model.vertices, model.faces
+    motion, _, _ = print_motion(frames, camera(), shape, placement_of(made.planned), made.contact_ns)
+    assert motion.angle.time_ns[-1] < frames[gone].time_ns

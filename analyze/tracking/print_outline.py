@@ -1,0 +1,116 @@
+"""Outline of an object by its motion: what moves with the print, and what stays, against the planned shape.
+
+A part of the image at rest belongs to the body if later images show it where the tracked motion takes it,
+and to the surroundings if they show it where it was. Parts without contrast, and those that the body covers
+later, tell nothing.
+"""
+
+# cv2 is only partly typed.
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from analyze.tracking.camera_model import project_ideal, world_to_camera
+from analyze.tracking.print_template import BORDER_M, blurred
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from analyze.tracking.print_follower import PrintFollower
+    from analyze.types import Array, CameraModel, IntArray
+
+_STEP_PX = 3
+"""distance of the points that are compared [px]"""
+_BLUR_PX = 2.0
+_WINDOW = 5
+"""points along each side of the patches over which differences are averaged"""
+_AROUND_M = 0.05
+"""distance from the planned outline up to which the image is compared [m]"""
+_MARGIN_M, _MARGIN_PX = 2 * BORDER_M, 4
+"""distance from the planned outline within which nothing counts: the hand's error and the blur [m, px]"""
+_LEAST_CHANGE = 6.0
+"""least difference of grey values that tells body from surroundings"""
+_CLEARER = 2.0
+"""ratio of the differences by both hypotheses from which one is preferred"""
+
+
+@dataclass(frozen=True)
+class OutlineMisfit:
+    """Parts of the image at rest that contradict the planned outline, over the outline's area."""
+
+    beyond: float
+    """area beyond it that moves with the body"""
+    missing: float
+    """area within it that stays"""
+
+    @property
+    def worst(self) -> float:
+        """The larger of both."""
+        return max(self.beyond, self.missing)
+
+
+def outline_misfit(
+    follower: PrintFollower,
+    camera: CameraModel,
+    placed: tuple[Array, IntArray],
+    rest: NDArray[np.float32],
+    moving: Sequence[tuple[NDArray[np.float32], Array]],
+) -> OutlineMisfit:
+    """Compare what moves with the print with the planned outline.
+
+    Args:
+        follower: tracker of the strike.
+        camera: camera as seen from the object's planned pose.
+        placed: vertices (v, 3) at rest in W [m] and triangles (t, 3) of the shape.
+        rest: (h, w) mean image at rest, free of lens distortion.
+        moving: images (h, w) of the tip, free of lens distortion, with their unknowns (6,).
+    """
+    R, t = world_to_camera(camera)
+    corners = project_ideal(camera, placed[0] @ R.T + t)
+    inside = np.zeros(rest.shape, dtype=np.uint8)
+    for triangle in np.rint(16 * corners).astype(np.int32)[placed[1]]:
+        cv2.fillConvexPoly(inside, triangle, 1, shift=4)
+    distance = float(np.linalg.norm(placed[0].mean(axis=0) - camera.T_world_camera[:3, 3]))
+    px_per_m = float(camera.K[0, 0]) / distance
+    size = np.array(rest.shape)[::-1]
+    low = np.clip(corners.min(axis=0) - _AROUND_M * px_per_m, 0, size - 1).astype(int)
+    high = np.clip(corners.max(axis=0) + _AROUND_M * px_per_m, low + 1, size).astype(int)
+    columns, rows = np.meshgrid(*(np.arange(a, b, _STEP_PX) for a, b in zip(low, high, strict=True)))
+    margin = _MARGIN_M * px_per_m + _MARGIN_PX
+    within = cv2.distanceTransform(inside, cv2.DIST_L2, 5)[rows, columns] > margin
+    beyond = cv2.distanceTransform(1 - inside, cv2.DIST_L2, 5)[rows, columns] > margin
+    whole = blurred(rest, _BLUR_PX)
+    before = whole[rows, columns]
+    as_body, as_rest, arrived = (np.zeros(rows.shape) for _ in range(3))
+    points = follower.on_main_face(np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64))
+    for image, x in moving:
+        soft = blurred(image, _BLUR_PX)
+        at = follower.moved(points, x).astype(np.float32).reshape(*rows.shape, 2)
+        now, there = (
+            cv2.remap(each, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderValue=-1)
+            for each in (soft, whole)
+        )
+        seen = now >= 0
+        lit = seen & within & (before > 1)
+        gain = float(np.median(now[lit] / before[lit])) if lit.any() else 1.0
+        stays = np.abs(soft[rows, columns] - before)
+        as_rest += stays
+        arrived += np.abs(now - there)
+        as_body += np.where(seen, np.abs(now / max(gain, 0.1) - before), stays)
+    window = (_WINDOW, _WINDOW)
+    as_body, as_rest, arrived = (cv2.blur(each / len(moving), window) for each in (as_body, as_rest, arrived))
+    # An even background looks alike wherever it is; where a body arrives, the image changes.
+    body = (np.minimum(as_rest, arrived) > _LEAST_CHANGE) & (
+        np.minimum(as_rest, arrived) > _CLEARER * as_body
+    )
+    still = (as_body > _LEAST_CHANGE) & (as_body > _CLEARER * as_rest)
+    area = max(int(inside.sum()), 1) / _STEP_PX**2
+    return OutlineMisfit(float((body & beyond).sum()) / area, float((still & within).sum()) / area)
