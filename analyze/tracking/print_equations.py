@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 LEAST_NOISE = 0.6
 """least robust scale of the residuals [grey]"""
-_WAVE_PX, _MOST_WAVES = 60.0, 5
+_WAVE_PX, _MOST_WAVES = 90.0, 4
 """least half wavelength of the light over a face [px], and most terms along and across"""
 _RIDGE = 1e-9
 """share of the mean that is added to the normal equations of the light"""
