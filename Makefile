@@ -256,7 +256,7 @@ bench-print: setup  ## strikes by the object's print beside the same strikes by 
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.print $(PRINT)
 
 bench-print-traced: setup  ## strikes by print in a path tracer's films (installs Mitsuba); (TRACED="--objects carton --styles photo") (an hour)
-	@$(BIN)/uv pip install --quiet --python $(BIN)/python mitsuba==3.9.1
+	@$(BIN)/uv pip install -q --python $(BIN)/python --no-deps --require-hashes -r tests/benchmarks/traced_films.lock
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.print_traced $(TRACED)
 
 bench-contact: setup  ## friction, restitution and predicted strikes against truth on seven tables, five objects (CONTACT="--seeds 1 --objects carton") (an hour)

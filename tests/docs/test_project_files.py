@@ -41,7 +41,7 @@ def test_everything_is_installed_with_hashes():
         text = re.sub(r"\\\n|\n {10,}", " ", path.read_text(encoding="utf-8"))
         lines = [line for line in text.splitlines() if re.search(r"\b(pip|uv) (pip )?(install|sync)\b", line)]
         found += [(path.name, re.sub(r"\s+", " ", line)) for line in lines]
-    assert len(found) == 6
+    assert len(found) == 7
     assert not [each for each in found if not any(options in each[1] for options in checked)]
 
 
