@@ -74,7 +74,7 @@ _MOVED_NOISE = 4.0
 """median change of grey against the first images, over its scatter, from which on the object moves"""
 _OUTLINE_RAD, _OUTLINE_FRAMES = (math.radians(8.0), math.radians(50.0)), 8
 """tips at which the outline is checked [rad], and number of frames"""
-MAX_OUTLINE_MISFIT = 0.02
+MAX_OUTLINE_MISFIT = 0.012
 """area that contradicts the planned outline, over the outline's, above which the object lies otherwise"""
 _LEAST_EXPLAINED = 0.6
 """share of the print that a frame must explain, over that at rest, to count"""

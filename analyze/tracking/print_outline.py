@@ -38,6 +38,8 @@ _MARGIN_M, _MARGIN_PX = 2 * BORDER_M, 4
 """distance from the planned outline within which nothing counts: the hand's error and the blur [m, px]"""
 _LEAST_CHANGE = 6.0
 """least difference of grey values that tells body from surroundings"""
+_LEAST_FRAMES = 3
+"""images that must show a part beyond the outline where nothing was before"""
 _CLEARER = 2.0
 """ratio of the differences by both hypotheses from which one is preferred"""
 
@@ -86,10 +88,11 @@ def outline_misfit(
     columns, rows = np.meshgrid(*(np.arange(a, b, _STEP_PX) for a, b in zip(low, high, strict=True)))
     margin = _MARGIN_M * px_per_m + _MARGIN_PX
     within = cv2.distanceTransform(inside, cv2.DIST_L2, 5)[rows, columns] > margin
-    beyond = cv2.distanceTransform(1 - inside, cv2.DIST_L2, 5)[rows, columns] > margin
+    surroundings = cv2.distanceTransform(1 - inside, cv2.DIST_L2, 5)
+    beyond = surroundings[rows, columns] > margin
     whole = blurred(rest, _BLUR_PX)
     before = whole[rows, columns]
-    as_body, as_rest, arrived = (np.zeros(rows.shape) for _ in range(3))
+    as_body, as_rest, moved, left, free = (np.zeros(rows.shape) for _ in range(5))
     points = follower.on_main_face(np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64))
     for image, x in moving:
         soft = blurred(image, _BLUR_PX)
@@ -102,15 +105,19 @@ def outline_misfit(
         lit = seen & within & (before > 1)
         gain = float(np.median(now[lit] / before[lit])) if lit.any() else 1.0
         stays = np.abs(soft[rows, columns] - before)
+        goes = np.where(seen, np.abs(now / max(gain, 0.1) - before), stays)
         as_rest += stays
-        arrived += np.abs(now - there)
-        as_body += np.where(seen, np.abs(now / max(gain, 0.1) - before), stays)
-    window = (_WINDOW, _WINDOW)
-    as_body, as_rest, arrived = (cv2.blur(each / len(moving), window) for each in (as_body, as_rest, arrived))
-    # An even background looks alike wherever it is; where a body arrives, the image changes.
-    body = (np.minimum(as_rest, arrived) > _LEAST_CHANGE) & (
-        np.minimum(as_rest, arrived) > _CLEARER * as_body
-    )
+        as_body += goes
+        # Only where nothing of the planned shape was before does a change show that something arrives.
+        far = cv2.remap(surroundings, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderValue=0)
+        arrives = np.where(seen & (far > margin), 1.0, 0.0)
+        free += arrives
+        moved += arrives * goes
+        left += arrives * np.minimum(stays, np.abs(now - there))
+    window, frames = (_WINDOW, _WINDOW), len(moving)
+    as_body, as_rest = (cv2.blur(each / frames, window) for each in (as_body, as_rest))
+    moved, left = (cv2.blur(each / np.maximum(free, 1), window) for each in (moved, left))
+    body = (free >= _LEAST_FRAMES) & (left > _LEAST_CHANGE) & (left > _CLEARER * moved)
     still = (as_body > _LEAST_CHANGE) & (as_body > _CLEARER * as_rest)
     area = max(int(inside.sum()), 1) / _STEP_PX**2
     return OutlineMisfit(float((body & beyond).sum()) / area, float((still & within).sum()) / area)
