@@ -255,7 +255,7 @@ bench-mat: setup  ## camera poses by 40 rendered mats against the truth; bumped 
 bench-print: setup  ## strikes by the object's print beside the same strikes by tags; disturbed strikes (PRINT="--seeds 1 --objects carton --strikes 4", PRINT="--disturbed --seeds 1") (hours)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.print $(PRINT)
 
-bench-print-traced: setup  ## strikes by print in a path tracer's films (installs Mitsuba); (TRACED="--objects carton --styles photo") (an hour)
+bench-print-traced: setup  ## strikes by print in a path tracer's films (installs Mitsuba); (TRACED="--objects carton --styles photo") (two hours)
 	@$(BIN)/uv pip install -q --python $(BIN)/python --no-deps --require-hashes -r tests/benchmarks/traced_films.lock
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.print_traced $(TRACED)
 
