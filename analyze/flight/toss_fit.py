@@ -5,6 +5,7 @@ The priors (tag places as stated, gravity, rough coefficients of the air) are ob
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -170,8 +171,10 @@ def fit_model(
 
 _OWN_SCALE = np.repeat([1e-2, 1e-1, 1e-3, 1e-2], 3)
 """typical changes of a toss's own unknowns [rad, rad/s, m, m/s]"""
-_LEAST_INFORMATION = 1e-14
-"""least information about an unknown, and share of it about a direction, that counts as any"""
+_SINGULAR = 1e-14
+"""least eigenvalue of the scaled information below which it counts as singular"""
+_UNKNOWN = 1e12
+"""variance of unknowns about which a fit tells nothing [rad^2, m^2, ...]"""
 _SCALE = 30.0
 """factor on typical changes: a step of 3e-4 of them ends the fit"""
 
@@ -186,20 +189,32 @@ def _result(model: FlightModel, prior: FlightPrior, found: Minimum, corner_sd: A
     by = found.jacobian[:rows] * (np.sqrt(found.weight[:rows]) / corner_sd)[:, None]
     information = by.T @ by / noise
     information[: model.shared, : model.shared] += np.diag(sd**-2)
-    size = np.sqrt(np.maximum(np.diag(information), _LEAST_INFORMATION))
-    # A start that led nowhere leaves some unknowns open: their variance is large, not absent.
-    values, vectors = np.linalg.eigh(information / np.outer(size, size))
-    covariance = (vectors / np.maximum(values, _LEAST_INFORMATION)) @ vectors.T / np.outer(size, size)
     whole = np.concatenate([z / np.sqrt(found.weight[:rows]), found.residual[rows:] / sd])
+    cost = float(np.sum(whole**2))
     return TossFit(
         model,
         prior,
         found.parameters,
-        np.asarray(covariance, dtype=np.float64),
+        _inverse(information),
         found.residual[:rows],
-        float(np.sum(whole**2)),
+        cost if math.isfinite(cost) else math.inf,
         noise,
     )
+
+
+def _inverse(information: Array) -> Array:
+    """Covariance by an information matrix (n, n); variances of `_UNKNOWN` if it is singular.
+
+    A fit that led to a body whose rotation cannot be integrated has no information, or one without end.
+    """
+    unknown = _UNKNOWN * np.eye(len(information))
+    size = np.sqrt(np.diag(information))
+    if not np.all(np.isfinite(information)) or not np.all(size > 0.0):
+        return unknown
+    values, vectors = np.linalg.eigh(information / np.outer(size, size))
+    if values[0] < _SINGULAR:
+        return unknown
+    return (vectors / values) @ vectors.T / np.outer(size, size)
 
 
 def _by_corner(model: FlightModel, values: Array) -> Array:
