@@ -23,7 +23,7 @@ from analyze.motion.tip_angle import PlanarMotion
 from analyze.tracking.camera_model import project_ideal, world_to_camera
 from analyze.tracking.print_follower import ROLL, THETA, YAW, PrintFollower, X, Z
 from analyze.tracking.print_likeness import RestView
-from analyze.tracking.print_outline import outline_misfit
+from analyze.tracking.print_outline import OutlineMisfit, outline_misfit
 from analyze.tracking.print_points import print_points
 from analyze.tracking.print_template import IdealImages, print_template
 from analyze.tracking.track import TrackingReport, track_markers
@@ -55,8 +55,8 @@ BIAS_SD = math.radians(0.015)
 """1 sigma of theta's error that neighbouring frames share: grey values between pixels, light, the pose at
 rest"""
 OBLIQUE_SD = math.radians(0.2)
-"""1 sigma of such an error, times the sine of the angle between the line of sight and the edge: roll and yaw
-of the tip look like a tip then"""
+"""1 sigma of such an error, times the sine of the angle by which the line of sight lies beside the edge:
+turns of the object about the other two axes then look like a tip"""
 PLACE_SD = 0.15e-3
 """1 sigma of slow errors of slip and lift [m], as of theta"""
 BIAS_PER_MISFIT, PLACE_PER_MISFIT = math.radians(0.8), 4e-3
@@ -185,10 +185,21 @@ def print_motion(
     assert best is not None  # noqa: S101 - there is a step
     seen_by = _moved_camera(camera, pivot, best[1])
     view = rest_view(rest, seen_by, shape[0], placement)
-    _check_outline(best[3], seen_by, (shape, placement), rest, (images, frames, best[2]))
+    poses, follower = best[2:]
+    found = _frames_with_print(poses, rested)
+    moving = [
+        (images.ideal(frames[number].image), poses[number].x) for number in _outline_frames(poses, found)
+    ]
+    if moving:
+        placed = shape[0] @ placement.R_world_object.T + placement.p_world_object, shape[1]
+        _refuse_other_outline(outline_misfit(follower, seen_by, placed, np.mean(rest, axis=0), moving))
     times_ns = np.array([frame.time_ns for frame in frames], dtype=np.int64)
-    points = print_points(times_ns, best[2], camera)
-    return _planar(frames, best[2], rested, seen_by, pivot, float(best[1][0])), view, points
+    points = print_points(times_ns, poses, camera)
+    sight = pivot - seen_by.T_world_camera[:3, 3]
+    oblique = abs(float(sight[0])) / float(np.linalg.norm(sight))
+    motion = _planar(times_ns, poses, rested, found, oblique)
+    angle = replace(motion.angle, strain_sd=camera.strain_sd)
+    return replace(motion, angle=angle, yaw=float(best[1][0])), view, points
 
 
 def rest_view(
@@ -278,34 +289,33 @@ def _theta_sd_by_rest(poses: Sequence[PrintPose], rested: int) -> float:
     return float(np.sqrt(np.einsum("ni,ij,nj->n", change, covariance, change).max()))
 
 
-def _check_outline(
-    follower: PrintFollower,
-    camera: CameraModel,
-    put_down: tuple[tuple[Array, IntArray], Placement],
-    rest: Sequence[NDArray[np.float32]],
-    filmed: tuple[IdealImages, Sequence[ImageFrame], Sequence[PrintPose]],
-) -> None:
+def _frames_with_print(poses: Sequence[PrintPose], rested: int) -> NDArray[np.bool_]:
+    """True (n,) for frames at rest, and for others that explain enough of the print."""
+    explained = np.array([pose.explained for pose in poses])
+    found = explained >= _LEAST_EXPLAINED * float(np.median(explained[:rested]))
+    found[:rested] = True
+    return found
+
+
+def _outline_frames(poses: Sequence[PrintPose], found: NDArray[np.bool_]) -> list[int]:
+    """Numbers of some frames of the tip, by which the outline is checked."""
+    low, high = _OUTLINE_RAD
+    theta = np.array([pose.x[THETA] for pose in poses])
+    usable = np.flatnonzero(found & (theta > low) & (theta < high))
+    return usable[:: max(1, len(usable) // _OUTLINE_FRAMES)].tolist()
+
+
+def _refuse_other_outline(misfit: OutlineMisfit) -> None:
     """Refuse a strike in which more, or less, than the planned shape moves with the print.
 
     Raises:
-        TrackingError: the object was put down otherwise than planned.
+        TrackingError: the object was put down otherwise than planned, or has another size.
     """
-    (vertices, triangles), placement = put_down
-    images, frames, poses = filmed
-    low, high = _OUTLINE_RAD
-    found = [pose.explained > _LEAST_EXPLAINED and low < pose.x[THETA] < high for pose in poses]
-    usable = np.flatnonzero(found)
-    chosen = usable[:: max(1, len(usable) // _OUTLINE_FRAMES)]
-    if not len(chosen):
-        return
-    placed = vertices @ placement.R_world_object.T + placement.p_world_object
-    mean = np.mean(rest, axis=0)
-    moving = [(images.ideal(frames[number].image), poses[number].x) for number in chosen]
-    misfit = outline_misfit(follower, camera, (placed, triangles), mean, moving)
     if misfit.worst > MAX_OUTLINE_MISFIT:
+        found = "more" if misfit.beyond > misfit.missing else "less"
         raise TrackingError(
-            "the object does not have the outline that its card shows: put it down as on the card and strike"
-            " again"
+            f"{found} than the planned shape moves with the print: put the object down as its card shows, or"
+            " correct the shape in the object file"
         )
 
 
@@ -331,17 +341,18 @@ def _refuse_vague(theta_sd: float) -> None:
 
 
 def _planar(
-    frames: Sequence[ImageFrame],
-    poses: Sequence[PrintPose],
-    rested: int,
-    camera: CameraModel,
-    pivot: Array,
-    yaw: float,
+    times_ns: IntArray, poses: Sequence[PrintPose], rested: int, kept: NDArray[np.bool_], oblique: float
 ) -> PlanarMotion:
-    """Motion of the frames in which the print was found, against that at rest."""
+    """Motion of the frames in which the print was found, against that at rest.
+
+    Args:
+        times_ns: (n,) log times of the frames [ns].
+        poses: (n,) their poses.
+        rested: number of the first frames, in which the object is at rest.
+        kept: (n,) True for frames in which the print was found.
+        oblique: sine of the angle by which the line of sight lies beside the edge.
+    """
     explained = np.array([pose.explained for pose in poses])
-    kept = explained >= _LEAST_EXPLAINED * float(np.median(explained[:rested]))
-    kept[:rested] = True
     x = np.array([pose.x for pose in poses])[kept]
     covariance = np.array([pose.covariance for pose in poses])[kept]
     misfit = 1.0 - float(np.median(explained[kept][rested:])) if kept.sum() > rested else 0.0
@@ -351,12 +362,10 @@ def _planar(
     scatter = float(np.std(np.diff(x[:rested, THETA])) / math.sqrt(2.0)) if rested > 4 else np.inf
     factor = min(1.0, max(scatter / float(np.median(single[:rested])), 0.3))
     place = [THETA, X, Z]
-    sight = pivot - camera.T_world_camera[:3, 3]
-    oblique = abs(float(sight[0])) / float(np.linalg.norm(sight))
     off_axis = np.hypot(x[:, ROLL], x[:, YAW])
     off_sd = np.sqrt(covariance[:, ROLL, ROLL] + covariance[:, YAW, YAW])
     angle = TipAngle(
-        time_ns=np.array([frame.time_ns for frame in frames], dtype=np.int64)[kept],
+        time_ns=times_ns[kept],
         theta=x[:, THETA],
         sd=factor * single,
         off_axis=off_axis,
@@ -365,7 +374,6 @@ def _planar(
         slow_sd=math.hypot(
             BIAS_SD, OBLIQUE_SD * oblique, BIAS_PER_MISFIT * misfit, _theta_sd_by_rest(poses, rested)
         ),
-        strain_sd=camera.strain_sd,
     )
     planar = covariance[:, place][:, :, place] * factor**2
     place_sd = math.hypot(PLACE_SD, PLACE_PER_MISFIT * misfit)
@@ -373,5 +381,5 @@ def _planar(
     position_sd = np.sqrt(0.5 * (planar[:, 1, 1] + planar[:, 2, 2]))
     motion = PlanarMotion(angle, x[:, Z], position_sd, off_sd, 0.0, planar)
     return replace(
-        motion, yaw=yaw, slow_place_sd=place_sd, roll=x[:, ROLL], roll_sd=np.sqrt(covariance[:, ROLL, ROLL])
+        motion, slow_place_sd=place_sd, roll=x[:, ROLL], roll_sd=np.sqrt(covariance[:, ROLL, ROLL])
     )

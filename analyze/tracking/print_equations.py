@@ -84,7 +84,7 @@ class Light:
         self.terms, self.weight = terms, weight
         self._weighted = terms * weight[:, None]
         normal = self._weighted.T @ terms
-        normal[np.diag_indices_from(normal)] += _RIDGE * (np.trace(normal) / max(len(normal), 1) + 1e-12)
+        normal[np.diag_indices_from(normal)] += _RIDGE * np.trace(normal) / max(len(normal), 1)
         self._inverse = np.linalg.inv(normal)
 
     def fit(self, values: Array) -> Array:

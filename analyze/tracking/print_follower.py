@@ -150,10 +150,11 @@ class PrintFollower:
         self._light = [light_terms(grey, template.waves, template.face) for grey in template.grey]
         self._contrast = [contrast(grey, template.waves, template.face) for grey in template.grey]
         self._limits = [
-            math.hypot(float(np.std(print_)), _NOISES * max(noise, LEAST_NOISE))
-            for print_, noise in zip(self._contrast, template.noise, strict=True)
+            math.hypot(float(np.std(contrast_)), _NOISES * max(noise, LEAST_NOISE))
+            for contrast_, noise in zip(self._contrast, template.noise, strict=True)
         ]
-        self._lights: dict[tuple[int, bytes], Light] = {}
+        self._even_lights: dict[int, tuple[NDArray[np.bool_], Light]] = {}
+        """the last points in view and their light, by level"""
         self._R, self._t = world_to_camera(camera)
         self._x, self._speed, self._usual, self._missed = np.zeros(6), 0.0, 0.9, 1
 
@@ -234,21 +235,22 @@ class PrintFollower:
 
     def _gain(self, level: int, seen: NDArray[np.bool_], grey: Array) -> float:
         """Contrast of the print in grey values (n,) of the points in view, over that at rest."""
-        print_ = self._contrast[level][seen]
-        return float(print_ @ grey) / max(float(print_ @ print_), 1e-9)
+        at_rest = self._contrast[level][seen]
+        return float(at_rest @ grey) / max(float(at_rest @ at_rest), 1e-9)
 
     def _even_light(self, level: int, seen: NDArray[np.bool_]) -> Light:
         """Light with equal weights at the points in view."""
-        key = level, seen.tobytes()
-        if key not in self._lights:
-            self._lights[key] = Light(self._light[level][seen], np.ones(int(seen.sum())))
-        return self._lights[key]
+        kept = self._even_lights.get(level)
+        if kept is None or not np.array_equal(kept[0], seen):
+            kept = seen, Light(self._light[level][seen], np.ones(int(seen.sum())))
+            self._even_lights[level] = kept
+        return kept[1]
 
     def _fit(self, view: BlurredPart, start: Array, level: int) -> PrintPose:
         x, seen = start.copy(), np.zeros(0, dtype=bool)
         light: Light | None = None
         system: PrintEquations | None = None
-        grey, off, shared, unit, spare = np.zeros(0), np.zeros(0), np.zeros(3), 0.0, 1.0
+        grey, off, shared, unit, inflation = np.zeros(0), np.zeros(0), np.zeros(3), 0.0, 1.0
         pixels = np.zeros((0, 2))
         for turn in range(_ITERATIONS[level]):
             placed = self._placed(x)
@@ -257,8 +259,8 @@ class PrintFollower:
                 freedom = int(seen.sum()) - self._light[level].shape[1]
                 if freedom < max(_LEAST_SEEN, _LEAST_SHARE * len(seen)):
                     return _open(start, placed.pixels)
-                # What the light explains by itself says nothing about the pose.
-                spare = math.sqrt(seen.sum() / freedom)
+                # Residuals are smaller than the errors by what the fitted light takes up.
+                inflation = math.sqrt(seen.sum() / freedom)
             pixels = placed.pixels
             grey = view.at(pixels[seen], level)
             if light is None:
@@ -267,7 +269,7 @@ class PrintFollower:
                 off = light.residual(grey)
                 scale = robust_scale(off)
                 weight = _tukey(off, scale)
-                unit = 1.0 / (spare * scale) ** 2 / CORRELATED[level]
+                unit = 1.0 / (inflation * scale) ** 2 / CORRELATED[level]
                 system = PrintEquations.of(
                     self._design(placed, self._slope[level])[seen], light, unit, _PRIOR
                 )
@@ -283,7 +285,7 @@ class PrintFollower:
         if system is None or not np.all(np.isfinite(x)):
             return _open(start, pixels)
         points = np.full(len(seen), np.nan)
-        points[seen] = np.clip(1.0 - (spare * off / self._limits[level]) ** 2, 0.0, None) ** 2
+        points[seen] = np.clip(1.0 - (inflation * off / self._limits[level]) ** 2, 0.0, None) ** 2
         points[seen] *= self._gain(level, seen, grey) > _LEAST_GAIN
         mean = float(np.mean(points[seen]))
         information = system.shared, shared

@@ -1,8 +1,8 @@
-"""Outline of an object by its motion: what moves with the print, and what stays, against the planned shape.
+"""Check of the planned outline by the images of a tip: what moves with the print, and what stays.
 
 A part of the image at rest belongs to the body if later images show it where the tracked motion takes it,
-and to the surroundings if they show it where it was. Parts without contrast, and those that the body covers
-later, tell nothing.
+and to the surroundings if they show it where it was. Even parts tell nothing, nor does what the body covers
+later.
 """
 
 # cv2 is only partly typed.
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 _STEP_PX = 3
 """distance of the points that are compared [px]"""
 _BLUR_PX = 2.0
+"""1 sigma of the blur before the comparison [px]"""
 _WINDOW = 5
 """points along each side of the patches over which differences are averaged"""
 _AROUND_M = 0.05
@@ -41,7 +42,7 @@ _LEAST_CHANGE = 6.0
 _LEAST_FRAMES = 3
 """images that must show a part beyond the outline where nothing was before"""
 _CLEARER = 2.0
-"""ratio of the differences by both hypotheses from which one is preferred"""
+"""ratio of the differences by moving and by staying from which one of them is excluded"""
 
 
 @dataclass(frozen=True)
@@ -90,34 +91,36 @@ def outline_misfit(
     within = cv2.distanceTransform(inside, cv2.DIST_L2, 5)[rows, columns] > margin
     surroundings = cv2.distanceTransform(1 - inside, cv2.DIST_L2, 5)
     beyond = surroundings[rows, columns] > margin
-    whole = blurred(rest, _BLUR_PX)
-    before = whole[rows, columns]
-    as_body, as_rest, moved, left, free = (np.zeros(rows.shape) for _ in range(5))
+    soft_rest = blurred(rest, _BLUR_PX)
+    grey_rest = soft_rest[rows, columns]
+    # Sums over the images: difference from the rest where the motion takes a part, and where it was.
+    moved, stayed = np.zeros(rows.shape), np.zeros(rows.shape)
+    # The same over images in which the motion takes it where nothing of the planned shape was at rest.
+    arrivals, moved_out, changed_out = (np.zeros(rows.shape) for _ in range(3))
     points = follower.on_main_face(np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64))
     for image, x in moving:
         soft = blurred(image, _BLUR_PX)
         at = follower.moved(points, x).astype(np.float32).reshape(*rows.shape, 2)
-        now, there = (
+        grey, grey_before, apart = (
             cv2.remap(each, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderValue=-1)
-            for each in (soft, whole)
+            for each in (soft, soft_rest, surroundings)
         )
-        seen = now >= 0
-        lit = seen & within & (before > 1)
-        gain = float(np.median(now[lit] / before[lit])) if lit.any() else 1.0
-        stays = np.abs(soft[rows, columns] - before)
-        goes = np.where(seen, np.abs(now / max(gain, 0.1) - before), stays)
-        as_rest += stays
-        as_body += goes
-        # Only where nothing of the planned shape was before does a change show that something arrives.
-        far = cv2.remap(surroundings, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderValue=0)
-        arrives = np.where(seen & (far > margin), 1.0, 0.0)
-        free += arrives
-        moved += arrives * goes
-        left += arrives * np.minimum(stays, np.abs(now - there))
-    window, frames = (_WINDOW, _WINDOW), len(moving)
-    as_body, as_rest = (cv2.blur(each / frames, window) for each in (as_body, as_rest))
-    moved, left = (cv2.blur(each / np.maximum(free, 1), window) for each in (moved, left))
-    body = (free >= _LEAST_FRAMES) & (left > _LEAST_CHANGE) & (left > _CLEARER * moved)
-    still = (as_body > _LEAST_CHANGE) & (as_body > _CLEARER * as_rest)
+        seen = grey >= 0
+        lit = seen & within & (grey_rest > 1)
+        gain = max(float(np.median(grey[lit] / grey_rest[lit])), 0.1) if lit.any() else 1.0
+        by_stay = np.abs(soft[rows, columns] - grey_rest)
+        by_move = np.where(seen, np.abs(grey / gain - grey_rest), by_stay)
+        stayed += by_stay
+        moved += by_move
+        arrives = np.where(seen & (apart > margin), 1.0, 0.0)
+        arrivals += arrives
+        moved_out += arrives * by_move
+        changed_out += arrives * np.minimum(by_stay, np.abs(grey - grey_before))
+    window, times = (_WINDOW, _WINDOW), np.maximum(arrivals, 1)
+    moved, stayed = (cv2.blur(each / len(moving), window) for each in (moved, stayed))
+    moved_out, changed_out = (cv2.blur(each / times, window) for each in (moved_out, changed_out))
+    # An even background looks alike wherever it is: a body shows where it leaves and where it arrives.
+    body = (arrivals >= _LEAST_FRAMES) & (changed_out > np.maximum(_LEAST_CHANGE, _CLEARER * moved_out))
+    still = moved > np.maximum(_LEAST_CHANGE, _CLEARER * stayed)
     area = max(int(inside.sum()), 1) / _STEP_PX**2
     return OutlineMisfit(float((body & beyond).sum()) / area, float((still & within).sum()) / area)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -12,11 +13,13 @@ from analyze.tracking.camera_model import distort
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from analyze.tracking.print_follower import PrintPose
-    from analyze.types import Array, CameraModel, IntArray
+    from numpy.typing import NDArray
 
-_KEPT = 250
-"""number of points that are kept, about"""
+    from analyze.tracking.print_follower import PrintPose
+    from analyze.types import CameraModel, IntArray
+
+_MOST = 250
+"""largest number of points that are kept"""
 
 
 @dataclass(frozen=True)
@@ -25,21 +28,21 @@ class PrintPoints:
 
     time_ns: IntArray
     """(n,) log times of the images [ns]"""
-    pixels: Array
+    pixels: NDArray[np.float32]
     """(n, k, 2) places in the images [px]"""
-    explained: Array
+    explained: NDArray[np.float32]
     """(n, k) share of the grey value that is explained, 0 to 1; NaN where a point is out of view"""
 
 
 def print_points(time_ns: IntArray, poses: Sequence[PrintPose], camera: CameraModel) -> PrintPoints:
-    """Some of the points of all frames, of which each has the same.
+    """A sample of the template's points in all images; every image has the same points.
 
     Args:
-        time_ns: (n,) log times [ns].
-        poses: poses of one pass over these frames.
+        time_ns: (n,) log times of the images [ns].
+        poses: (n,) poses by one template.
         camera: camera that took the images.
     """
-    every = max(1, len(poses[0].pixels) // _KEPT)
+    every = max(1, math.ceil(len(poses[0].pixels) / _MOST))
     ideal = np.array([pose.pixels[::every] for pose in poses])
     explained = np.array([pose.explained_points[::every] for pose in poses])
-    return PrintPoints(time_ns, distort(camera, ideal).astype(np.float32).astype(np.float64), explained)
+    return PrintPoints(time_ns, distort(camera, ideal).astype(np.float32), explained.astype(np.float32))

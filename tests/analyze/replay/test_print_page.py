@@ -35,7 +35,7 @@ def test_the_print_that_is_followed_is_drawn_over_the_images(tmp_path):
     assert points is not None
     frames, kept = points.explained.shape
     assert points.pixels.shape == (frames, kept, 2)
-    assert 200 < kept < 520
+    assert 120 < kept <= 250
     assert np.nanmedian(points.explained) > 0.8
     plan = parse_strike_plan((FOLDER / "plan.json").read_text(encoding="utf-8"), "plan")
     record = pb.StrikeRecord(strike_id=f"{planned.id}.1", plan_strike_id=planned.id)
