@@ -61,7 +61,6 @@ def filmed(name: str, style: str, seed: int, strikes: int) -> Iterator[StrikeRow
     K = np.array([[FOCAL, 0, WIDTH / 2 - 0.5], [0, FOCAL, HEIGHT / 2 - 0.5], [0, 0, 1]])
     camera = CameraModel(WIDTH, HEIGHT, K, np.zeros(5), on.place.T_world_camera, strain_sd=STRAIN_SD)
     on = replace(on, camera=camera)
-    tracer = Tracer(camera, on.model.vertices, on.model.faces, style, seed)
     world = World(on.thing, lambda *_: 0.0, table_tilt=(0.0, on.tilt), arm_angle=-2.5)
     for planned in chosen(on.plan, strikes):
         placed = Placement(*rng.normal(0, (YAW_SD, SHIFT_SD, SHIFT_SD)))
@@ -69,12 +68,15 @@ def filmed(name: str, style: str, seed: int, strikes: int) -> Iterator[StrikeRow
         times = np.arange(-round(REST_S * RATE_HZ), int(motion.time[-1] * RATE_HZ)) / RATE_HZ
         times = times + rng.random() / RATE_HZ
         path = FilmPath(motion, planned.heading_rad)
+        tracer = Tracer(camera, on.model.vertices, on.model.faces, style, seed)
         frames: list[ImageFrame] = []
         for number, time in enumerate(times[times < motion.time[-1] - 0.01]):
             steps = (np.arange(SUBEXPOSURES) + 0.5) / SUBEXPOSURES - 0.5
             p, q, _, _ = path.at(time + steps * 1e-6 * USUAL_EXPOSURE_US)
             R = Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_matrix()
-            frames.append(ImageFrame(T0 + round(1e9 * time), number, tracer.image(R, p)))
+            frames.append(
+                ImageFrame(T0 + round(1e9 * time), number, tracer.image(R, p, at_rest=time < -1e-3))
+            )
         row, _ = analyse(on, "print", planned, motion, frames)
         yield replace(row, name=name, seed=seed, road=style)
 

@@ -73,7 +73,7 @@ class Tracer:
             body = {"type": "ply", "filename": str(file), "face_normals": True, "bsdf": surface}
             self._scene = mitsuba.load_dict({**surroundings, "object": body})
         self._parameters = mitsuba.traverse(self._scene)
-        self._rest: tuple[np.ndarray, np.ndarray] | None = None
+        self._rest: np.ndarray | None = None
 
     @cached_property
     def _plate(self) -> np.ndarray:
@@ -85,32 +85,37 @@ class Tracer:
     def _exposure(self) -> float:
         return _WHITE / float(np.quantile(self._plate, 0.97))
 
-    def image(self, rotations: np.ndarray, positions: np.ndarray) -> np.ndarray:
-        """Image (h, w) over one exposure, at poses (k, 3, 3) and (k, 3) of O in W."""
-        still = bool(np.allclose(rotations[0], rotations[-1], atol=1e-7))
-        if still and self._rest is not None and np.allclose(positions[0], self._rest[0], atol=1e-7):
-            radiance = self._rest[1]
-        else:
-            count = 1 if still else len(positions)
-            radiance = self._plate.copy()
-            pixels = np.concatenate([self._pixels(R, p) for R, p in zip(rotations, positions, strict=True)])
-            size = np.array([self._camera.width, self._camera.height])
-            low = np.clip(np.floor(pixels.min(axis=0) - _AROUND_PX), 0, size).astype(int)
-            high = np.clip(np.ceil(pixels.max(axis=0) + _SHADOW_PX), 0, size).astype(int)
-            parts: list[np.ndarray] = []
-            for R, p in zip(rotations[:count], positions[:count], strict=True):
-                self._parameters["object.vertex_positions"] = (
-                    (self._corners @ R.T + p).astype(np.float32).ravel()
-                )
-                self._parameters.update()
-                samples = REST_SAMPLES if still else SAMPLES // count
-                parts.append(self._traced(self._scene, low, high, samples))
-            radiance[low[1] : high[1], low[0] : high[0]] = np.mean(parts, axis=0)
-            if still:
-                self._rest = positions[0], radiance
+    def image(self, rotations: np.ndarray, positions: np.ndarray, *, at_rest: bool) -> np.ndarray:
+        """Image (h, w) over one exposure.
+
+        Args:
+            rotations: (k, 3, 3) rotations from O to W during the exposure.
+            positions: (k, 3) places of O in W [m].
+            at_rest: True for images before the push, which share one noise of the tracer's, a small one.
+        """
+        if at_rest and self._rest is None:
+            self._rest = self._radiance(rotations[:1], positions[:1], REST_SAMPLES)
+        radiance = self._rest if at_rest else self._radiance(rotations, positions, SAMPLES)
+        assert radiance is not None
         grey = np.clip(self._exposure * radiance, 0, 255)
         noise = self._random.normal(size=grey.shape) * np.sqrt(_GREY_NOISE + _GAIN * grey)
         return np.clip(np.rint(grey + noise), 0, 255).astype(np.uint8)
+
+    def _radiance(self, rotations: np.ndarray, positions: np.ndarray, samples: int) -> np.ndarray:
+        """Radiance (h, w), mean over poses, by `samples` paths a pixel around the object."""
+        pixels = np.concatenate([self._pixels(R, p) for R, p in zip(rotations, positions, strict=True)])
+        size = np.array([self._camera.width, self._camera.height])
+        low = np.clip(np.floor(pixels.min(axis=0) - _AROUND_PX), 0, size).astype(int)
+        high = np.clip(np.ceil(pixels.max(axis=0) + _SHADOW_PX), 0, size).astype(int)
+        parts: list[np.ndarray] = []
+        for R, p in zip(rotations, positions, strict=True):
+            placed = (self._corners @ R.T + p).astype(np.float32).ravel()
+            self._parameters["object.vertex_positions"] = placed
+            self._parameters.update()
+            parts.append(self._traced(self._scene, low, high, samples // len(positions)))
+        radiance = self._plate.copy()
+        radiance[low[1] : high[1], low[0] : high[0]] = np.mean(parts, axis=0)
+        return radiance
 
     def _pixels(self, rotation: np.ndarray, position: np.ndarray) -> np.ndarray:
         R, t = world_to_camera(self._camera)
