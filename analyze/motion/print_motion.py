@@ -11,18 +11,18 @@ along the image does not matter.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from analyze.errors import TrackingError
+from analyze.motion.rest_frames import end_of_motion, frames_at_rest
 from analyze.motion.settings import MotionSettings
 from analyze.motion.strike import analyse_motion, analyse_strike, placement_of
 from analyze.motion.tip_angle import PlanarMotion
-from analyze.tracking.camera_model import project_ideal, world_to_camera
 from analyze.tracking.print_follower import ROLL, THETA, YAW, PrintFollower, X, Z
-from analyze.tracking.print_likeness import RestView
+from analyze.tracking.print_likeness import rest_view
 from analyze.tracking.print_outline import OutlineMisfit, outline_misfit
 from analyze.tracking.print_points import print_points
 from analyze.tracking.print_template import IdealImages, print_template
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from analyze.motion.strike_task import StrikeTask
     from analyze.motion.tip_angle import Placement
     from analyze.tracking.print_follower import PrintPose
+    from analyze.tracking.print_likeness import RestView
     from analyze.tracking.print_points import PrintPoints
     from analyze.types import Array, CameraModel, ImageFrame, IntArray, Marker, TipMotion
 
@@ -62,22 +63,30 @@ PLACE_SD = 0.15e-3
 BIAS_PER_MISFIT, PLACE_PER_MISFIT = math.radians(0.8), 4e-3
 """1 sigma of further slow errors of theta [rad] and of slip and lift [m], per share of the print that moving
 frames do not explain: highlights, shadows and coding"""
-_REST_BEFORE_CONTACT_NS = 4_000_000
-"""time before the contact by which a resting frame's exposure must have ended [ns]"""
 _TRACKED_REST = 30
 """largest number of frames at rest that are tracked; all serve for the template"""
-_AROUND_PX = 20
-"""pixels around the object in its view at rest"""
-_LEAST_REST = 3
-"""least number of frames at rest"""
-_MOVED_NOISE = 4.0
-"""median change of grey against the first images, over its scatter, from which on the object moves"""
 _OUTLINE_RAD, _OUTLINE_FRAMES = (math.radians(8.0), math.radians(50.0)), 8
 """tips at which the outline is checked [rad], and number of frames"""
 MAX_OUTLINE_MISFIT = 0.012
 """area that contradicts the planned outline, over the outline's, above which the object lies otherwise"""
 _LEAST_EXPLAINED = 0.6
 """share of the print that a frame must explain, over that at rest, to count"""
+
+
+@dataclass(frozen=True)
+class _Followed:
+    """Frames tracked with the pose at rest that fits them."""
+
+    poses: list[PrintPose]
+    """(n,) poses of the frames; those after the motion were tracked with the planned pose at rest"""
+    ended: int
+    """number of frames until the motion ends"""
+    follower: PrintFollower
+    """the tracker"""
+    seen_by: CameraModel
+    """camera as seen from the object as it was put down"""
+    yaw: float
+    """turn about W's z by which it was put down otherwise than planned [rad]"""
 
 
 def analyse_images(
@@ -145,30 +154,73 @@ def print_motion(
         TrackingError: fewer than three images at rest, or a print too poor to show the tip.
     """
     images = IdealImages(camera)
-    rested = _frames_at_rest(frames, contact_time_ns)
+    rested = frames_at_rest(frames, contact_time_ns)
     rest = [images.ideal(frame.image) for frame in frames[:rested]]
     frames = frames[max(0, rested - _TRACKED_REST) :]
     rested = min(rested, _TRACKED_REST)
+    times_ns = np.array([frame.time_ns for frame in frames], dtype=np.int64)
+    followed = _follow(frames, 1e-9 * (times_ns - times_ns[0]), rest, images, shape, placement)
+    poses, follower, seen_by = followed.poses, followed.follower, followed.seen_by
     pivot = placement.R_world_object @ placement.p_object_pivot + placement.p_world_object
-    times_s = 1e-9 * np.array([frame.time_ns - frames[0].time_ns for frame in frames])
+    slow_sd = _slow_sd(poses[: followed.ended], rested, pivot - seen_by.T_world_camera[:3, 3])
+    found = _frames_with_print(poses, rested)
+    tip = [(images.ideal(frames[number].image), poses[number].x) for number in _outline_frames(poses, found)]
+    if tip:
+        placed = shape[0] @ placement.R_world_object.T + placement.p_world_object, shape[1]
+        _refuse_other_outline(outline_misfit(follower, seen_by, placed, np.mean(rest, axis=0), tip))
+    motion = _planar(times_ns, poses, rested, found, slow_sd)
+    angle = replace(motion.angle, strain_sd=camera.strain_sd)
+    pose = placement.R_world_object, placement.p_world_object
+    view = rest_view(rest, seen_by, shape[0], pose)
+    return replace(motion, angle=angle, yaw=followed.yaw), view, print_points(times_ns, poses, camera)
+
+
+def _follow(
+    frames: Sequence[ImageFrame],
+    times_s: Array,
+    rest: Sequence[NDArray[np.float32]],
+    images: IdealImages,
+    shape: tuple[Array, IntArray],
+    placement: Placement,
+) -> _Followed:
+    """Track the frames, with the pose at rest that explains most of the print.
+
+    Args:
+        frames: (n,) images, from some at rest on.
+        times_s: (n,) their times [s].
+        rest: (h, w) images at rest, free of lens distortion.
+        images: removal of the camera's distortion.
+        shape: vertices (v, 3) in O [m] and triangles (t, 3) of the object.
+        placement: planned pose of the object and pivot.
+
+    Raises:
+        TrackingError: no face is in view, or its print is too poor.
+    """
+    rested = min(len(rest), _TRACKED_REST)
+    pivot = placement.R_world_object @ placement.p_object_pivot + placement.p_world_object
     interval_s = float(np.median(np.diff(times_s)))
     turned = np.zeros(3)
     unknown: list[None] = [None] * len(frames)
     starts: Sequence[Array | None] = unknown
     rates: Sequence[float | None] = unknown
     best: tuple[float, Array, list[PrintPose], PrintFollower] | None = None
+    settled: list[PrintPose] = []
     for step in range(REST_STEPS + 1):
         # Where the object was put down otherwise, so was its edge: the camera is moved instead.
-        before = _moved_camera(camera, pivot, turned)
+        before = _moved_camera(images.camera, pivot, turned)
         pose = placement.R_world_object, placement.p_world_object
         template = print_template(rest, before, *shape, pose)
         _refuse_unseen(template.faces)
         follower = PrintFollower(template, before, images, pivot, placement.radius, interval_s)
         if step == 0:
             _refuse_vague(follower.theta_sd())
+        moving = frames[: len(frames) - len(settled)]
         poses = [
-            follower.add(frame.image, starts[number], rates[number]) for number, frame in enumerate(frames)
+            follower.add(frame.image, starts[number], rates[number]) for number, frame in enumerate(moving)
         ]
+        if step == 0:
+            ended = end_of_motion(poses, times_s)
+            poses, settled = poses[:ended], poses[ended:]
         explained = float(np.mean([pose.explained for pose in poses]))
         if best is None or explained > best[0]:
             best = explained, turned, poses, follower
@@ -180,78 +232,13 @@ def print_motion(
         if np.all(np.abs(correction) < _REST_CONVERGED):
             break
         turned = turned + correction
-        rates = np.gradient([pose.x[THETA] for pose in poses], times_s).tolist()
+        rates = np.gradient([pose.x[THETA] for pose in poses], times_s[: len(poses)]).tolist()
         starts = [pose.x + pose.by_rest @ correction if pose.explained > 0 else None for pose in poses]
     assert best is not None  # noqa: S101 - there is a step
-    seen_by = _moved_camera(camera, pivot, best[1])
-    view = rest_view(rest, seen_by, shape[0], placement)
-    poses, follower = best[2:]
-    found = _frames_with_print(poses, rested)
-    moving = [
-        (images.ideal(frames[number].image), poses[number].x) for number in _outline_frames(poses, found)
-    ]
-    if moving:
-        placed = shape[0] @ placement.R_world_object.T + placement.p_world_object, shape[1]
-        _refuse_other_outline(outline_misfit(follower, seen_by, placed, np.mean(rest, axis=0), moving))
-    times_ns = np.array([frame.time_ns for frame in frames], dtype=np.int64)
-    points = print_points(times_ns, poses, camera)
-    sight = pivot - seen_by.T_world_camera[:3, 3]
-    oblique = abs(float(sight[0])) / float(np.linalg.norm(sight))
-    motion = _planar(times_ns, poses, rested, found, oblique)
-    angle = replace(motion.angle, strain_sd=camera.strain_sd)
-    return replace(motion, angle=angle, yaw=float(best[1][0])), view, points
-
-
-def rest_view(
-    rest: Sequence[NDArray[np.float32]], camera: CameraModel, vertices: Array, placement: Placement
-) -> RestView:
-    """Mean image of the object at rest, cut out around it.
-
-    Args:
-        rest: (h, w) images at rest, free of lens distortion.
-        camera: camera as seen from the object as it was put down.
-        vertices: (v, 3) vertices of the shape in O [m].
-        placement: planned pose of the object.
-    """
-    R, p = placement.R_world_object, placement.p_world_object
-    R_camera, t = world_to_camera(camera)
-    pixels = project_ideal(camera, (vertices @ R.T + p) @ R_camera.T + t)
-    size = np.array([camera.width, camera.height])
-    low = np.clip(np.floor(pixels.min(axis=0) - _AROUND_PX), 0, size - 1).astype(int)
-    high = np.clip(np.ceil(pixels.max(axis=0) + _AROUND_PX), low + 1, size).astype(int)
-    mean = np.mean([image[low[1] : high[1], low[0] : high[0]] for image in rest], axis=0)
-    return RestView(np.rint(mean).astype(np.uint8), (int(low[0]), int(low[1])), camera, R, p)
-
-
-def _frames_at_rest(frames: Sequence[ImageFrame], contact_time_ns: int) -> int:
-    """Number of the first frames in which the object is at rest.
-
-    Without a known contact these are the frames before the grey values change by more than noise.
-
-    Raises:
-        TrackingError: there are fewer than three.
-    """
-    if contact_time_ns:
-        count = sum(frame.time_ns < contact_time_ns - _REST_BEFORE_CONTACT_NS for frame in frames)
-    else:
-        count = _frames_before_change(frames)
-    if count < _LEAST_REST:
-        raise TrackingError(
-            f"{count} images show the object at rest, {_LEAST_REST} are needed: start the recording earlier"
-        )
-    return count
-
-
-def _frames_before_change(frames: Sequence[ImageFrame]) -> int:
-    """Number of frames before the grey values change by more than noise, twice in a row."""
-    if len(frames) < 2 * _LEAST_REST:
-        return 0
-    small = np.array([frame.image[::4, ::4].astype(np.float32) for frame in frames])
-    first = small[:_LEAST_REST].mean(axis=0)
-    change = np.quantile(np.abs(small - first), 0.98, axis=(1, 2))
-    moving = change > _MOVED_NOISE * np.median(change[:_LEAST_REST])
-    both = moving[:-1] & moving[1:]
-    return max(int(np.argmax(both)) - 1, 0) if both.any() else len(frames)
+    _, turned, poses, follower = best
+    after = [_by_rest(pose, turned, follower) for pose in settled]
+    seen_by = _moved_camera(images.camera, pivot, turned)
+    return _Followed([*poses, *after], len(poses), follower, seen_by, float(turned[0]))
 
 
 def _moved_camera(camera: CameraModel, pivot: Array, turned: Array) -> CameraModel:
@@ -287,6 +274,13 @@ def _theta_sd_by_rest(poses: Sequence[PrintPose], rested: int) -> float:
     covariance = np.linalg.inv(_rest_information(moving, 1.0 / (1.0 + len(moving) / rested)))
     change = np.array([pose.by_rest[THETA] for pose in moving]) - poses[0].by_rest[THETA]
     return float(np.sqrt(np.einsum("ni,ij,nj->n", change, covariance, change).max()))
+
+
+def _by_rest(pose: PrintPose, turned: Array, follower: PrintFollower) -> PrintPose:
+    """Pose that was found with the planned pose at rest, for another one."""
+    x = pose.x + pose.by_rest @ turned
+    pixels = follower.moved(x)
+    return replace(pose, x=x, pixels=pixels, explained_points=np.full(len(pixels), pose.explained))
 
 
 def _frames_with_print(poses: Sequence[PrintPose], rested: int) -> NDArray[np.bool_]:
@@ -340,8 +334,28 @@ def _refuse_vague(theta_sd: float) -> None:
         )
 
 
+def _slow_sd(poses: Sequence[PrintPose], rested: int, sight: Array) -> tuple[float, float]:
+    """1 sigma of the errors that neighbouring frames share: of theta [rad], and of slip and lift [m].
+
+    Args:
+        poses: (n,) poses of the frames at rest and of the tip.
+        rested: number of the first frames, in which the object is at rest.
+        sight: (3,) from the camera to the pivot.
+    """
+    explained = np.array([pose.explained for pose in poses])[_frames_with_print(poses, rested)][rested:]
+    misfit = 1.0 - float(np.median(explained)) if len(explained) else 0.0
+    oblique = abs(float(sight[0])) / float(np.linalg.norm(sight))
+    by_rest = _theta_sd_by_rest(poses, rested)
+    theta_sd = math.hypot(BIAS_SD, OBLIQUE_SD * oblique, BIAS_PER_MISFIT * misfit, by_rest)
+    return theta_sd, math.hypot(PLACE_SD, PLACE_PER_MISFIT * misfit)
+
+
 def _planar(
-    times_ns: IntArray, poses: Sequence[PrintPose], rested: int, kept: NDArray[np.bool_], oblique: float
+    times_ns: IntArray,
+    poses: Sequence[PrintPose],
+    rested: int,
+    kept: NDArray[np.bool_],
+    slow_sd: tuple[float, float],
 ) -> PlanarMotion:
     """Motion of the frames in which the print was found, against that at rest.
 
@@ -350,12 +364,10 @@ def _planar(
         poses: (n,) their poses.
         rested: number of the first frames, in which the object is at rest.
         kept: (n,) True for frames in which the print was found.
-        oblique: sine of the angle by which the line of sight lies beside the edge.
+        slow_sd: 1 sigma of the errors that neighbouring frames share: of theta [rad], of slip and lift [m].
     """
-    explained = np.array([pose.explained for pose in poses])
     x = np.array([pose.x for pose in poses])[kept]
     covariance = np.array([pose.covariance for pose in poses])[kept]
-    misfit = 1.0 - float(np.median(explained[kept][rested:])) if kept.sum() > rested else 0.0
     x = x - x[:rested].mean(axis=0)
     single = np.sqrt(covariance[:, THETA, THETA])
     # Noise that neighbouring pixels share: the scatter at rest knows it.
@@ -371,15 +383,12 @@ def _planar(
         off_axis=off_axis,
         slip=x[:, X],
         zero_sd=math.hypot(0.5 * BIAS_SD, factor * float(np.median(single[:rested])) / math.sqrt(rested)),
-        slow_sd=math.hypot(
-            BIAS_SD, OBLIQUE_SD * oblique, BIAS_PER_MISFIT * misfit, _theta_sd_by_rest(poses, rested)
-        ),
+        slow_sd=slow_sd[0],
     )
     planar = covariance[:, place][:, :, place] * factor**2
-    place_sd = math.hypot(PLACE_SD, PLACE_PER_MISFIT * misfit)
-    planar[:, 1:, 1:] += place_sd**2 * np.eye(2)
+    planar[:, 1:, 1:] += slow_sd[1] ** 2 * np.eye(2)
     position_sd = np.sqrt(0.5 * (planar[:, 1, 1] + planar[:, 2, 2]))
     motion = PlanarMotion(angle, x[:, Z], position_sd, off_sd, 0.0, planar)
     return replace(
-        motion, slow_place_sd=place_sd, roll=x[:, ROLL], roll_sd=np.sqrt(covariance[:, ROLL, ROLL])
+        motion, slow_place_sd=slow_sd[1], roll=x[:, ROLL], roll_sd=np.sqrt(covariance[:, ROLL, ROLL])
     )

@@ -300,9 +300,9 @@ class PrintFollower:
         rays = rays @ self._camera.T_world_camera[:3, :3].T
         return np.asarray(eye + rays * ((middle - eye) @ normal / (rays @ normal))[:, None], dtype=np.float64)
 
-    def moved(self, points: Array, x: Array) -> Array:
-        """Ideal pixels (k, 2) of points (k, 3) at rest in W, moved by the unknowns `x` (6,)."""
-        return self._placed(x, points - self._pivot).pixels
+    def moved(self, x: Array, points: Array | None = None) -> Array:
+        """Ideal pixels (k, 2) of the template's points, or others (k, 3) at rest in W, at unknowns `x` (6,)."""
+        return self._placed(x, None if points is None else points - self._pivot).pixels
 
     def _placed(self, x: Array, arms: Array | None = None) -> _Placed:
         """Points of the template, or at other arms (k, 3) from the pivot, at the unknowns `x` (6,)."""

@@ -16,7 +16,7 @@ from analyze.tracking.camera_model import project_ideal, world_to_camera
 from analyze.tracking.print_template import blurred, smooth_faces, visible_triangles
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -36,6 +36,8 @@ _LEAST_POINTS = 150
 """points that both strikes must show of a face"""
 _LEAST_CONTRAST = 2.0
 """least standard deviation of a face's grey values in both strikes [grey]"""
+_AROUND_PX = 20
+"""pixels around the object in its view at rest"""
 MIN_LIKENESS = 0.5
 """correlation of a face's print in two strikes below which they show different print"""
 
@@ -66,6 +68,27 @@ class PrintDifference:
     """(3,) outward normal of the face in O"""
     correlation: float
     """largest correlation of the grey values, over small shifts"""
+
+
+def rest_view(
+    rest: Sequence[NDArray[np.float32]], camera: CameraModel, vertices: Array, pose: tuple[Array, Array]
+) -> RestView:
+    """Mean image of the object at rest, cut out around it.
+
+    Args:
+        rest: (h, w) images at rest, free of lens distortion.
+        camera: camera as seen from the object as it was put down.
+        vertices: (v, 3) vertices of the shape in O [m].
+        pose: planned rotation (3, 3) and place (3,) [m] of the object in W.
+    """
+    R, p = pose
+    R_camera, t = world_to_camera(camera)
+    pixels = project_ideal(camera, (vertices @ R.T + p) @ R_camera.T + t)
+    size = np.array([camera.width, camera.height])
+    low = np.clip(np.floor(pixels.min(axis=0) - _AROUND_PX), 0, size - 1).astype(int)
+    high = np.clip(np.ceil(pixels.max(axis=0) + _AROUND_PX), low + 1, size).astype(int)
+    mean = np.mean([image[low[1] : high[1], low[0] : high[0]] for image in rest], axis=0)
+    return RestView(np.rint(mean).astype(np.uint8), (int(low[0]), int(low[1])), camera, R, p)
 
 
 class PrintedSurface:

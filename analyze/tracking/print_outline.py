@@ -100,7 +100,7 @@ def outline_misfit(
     points = follower.on_main_face(np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64))
     for image, x in moving:
         soft = blurred(image, _BLUR_PX)
-        at = follower.moved(points, x).astype(np.float32).reshape(*rows.shape, 2)
+        at = follower.moved(x, points).astype(np.float32).reshape(*rows.shape, 2)
         grey, grey_before, apart = (
             cv2.remap(each, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderValue=-1)
             for each in (soft, soft_rest, surroundings)

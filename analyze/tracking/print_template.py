@@ -97,6 +97,7 @@ class IdealImages:
 
     def __init__(self, camera: CameraModel) -> None:
         """Prepare the map from ideal to raw pixels."""
+        self.camera = camera
         self._map = _raw_pixels(
             camera.width, camera.height, camera.K.tobytes(), camera.distortion.tobytes(), camera.model
         )

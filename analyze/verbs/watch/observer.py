@@ -10,15 +10,15 @@ import numpy as np
 from analyze.errors import AnalyzeError
 from analyze.geometry.station import turned_camera
 from analyze.motion.contact_time import contact_time
-from analyze.motion.print_motion import analyse_images, rest_view
+from analyze.motion.print_motion import analyse_images
 from analyze.motion.scene import at_rest, check_placement, read_scene
-from analyze.motion.strike import placement_of, verdict_of
+from analyze.motion.strike import verdict_of
 from analyze.motion.strike_task import StrikeTask
 from analyze.pipeline.sections import MeshSections
 from analyze.tags.side_names import axis_name
 from analyze.tracking.camera_model import pixel_map
 from analyze.tracking.marker import families_of
-from analyze.tracking.print_likeness import PrintedSurface
+from analyze.tracking.print_likeness import PrintedSurface, rest_view
 from analyze.tracking.print_template import IdealImages
 from analyze.verbs.watch.curve import strike_curve
 from analyze.verbs.watch.wanted_place import WantedPlace
@@ -189,7 +189,8 @@ class Observer:
         if shape is None or not self._views:
             return ""
         camera = turned_camera(self._camera, planned.heading_rad)
-        view = rest_view([IdealImages(camera).ideal(frame.image)], camera, shape[0], placement_of(planned))
+        pose = np.array(planned.R_world_object), np.array(planned.p_world_object)
+        view = rest_view([IdealImages(camera).ideal(frame.image)], camera, shape[0], pose)
         surface = PrintedSurface(*shape)
         for each in surface.differences_from(_NOW, {**self._views, _NOW: view}):
             return (
