@@ -66,11 +66,11 @@ class SessionInput:
 
     @property
     def untagged(self) -> bool:
-        """True if the object has no tags: it is followed by its print, and no placement is checked."""
+        """True if the object has no tags: it is followed by its print, which also tells of its placement."""
         return not self.spec.marker
 
     def is_placed(self, error_rad: float | None, text: str) -> bool:
-        """True if the object lies as planned; without tags if its print does not contradict.
+        """True if the object lies as planned; without tags if outline and print do not contradict.
 
         Args:
             error_rad: angle to the planned orientation [rad]; None if unknown.

@@ -17,15 +17,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.errors import TrackingError
+from analyze.motion.enough_print import print_follower, refuse_poor_print
 from analyze.motion.rest_frames import end_of_motion, frames_at_rest
 from analyze.motion.settings import MotionSettings
 from analyze.motion.strike import analyse_motion, analyse_strike, placement_of
 from analyze.motion.tip_angle import PlanarMotion
-from analyze.tracking.print_follower import ROLL, THETA, YAW, PrintFollower, X, Z
+from analyze.tracking.print_follower import ROLL, THETA, YAW, X, Z
 from analyze.tracking.print_likeness import rest_view
 from analyze.tracking.print_outline import OutlineMisfit, outline_misfit
 from analyze.tracking.print_points import print_points
-from analyze.tracking.print_template import IdealImages, print_template
+from analyze.tracking.print_template import IdealImages
 from analyze.tracking.track import TrackingReport, track_markers
 from analyze.types import TipAngle
 from schemas.strike_result import FollowedBy
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
     from analyze.motion.strike_task import StrikeTask
     from analyze.motion.tip_angle import Placement
-    from analyze.tracking.print_follower import PrintPose
+    from analyze.tracking.print_follower import PrintFollower, PrintPose
     from analyze.tracking.print_likeness import RestView
     from analyze.tracking.print_points import PrintPoints
     from analyze.types import Array, CameraModel, ImageFrame, IntArray, Marker, TipMotion
@@ -50,8 +51,6 @@ REST_STEPS = 2
 """number of corrections of the pose at rest, each with the strike tracked again"""
 _REST_CONVERGED = np.array([math.radians(0.06), np.inf, 5e-4])
 """correction of the pose at rest below which the strike is not tracked again"""
-MAX_THETA_SD = math.radians(0.1)
-"""largest standard deviation of theta in one frame at rest [rad]: above it the print is too poor"""
 BIAS_SD = math.radians(0.015)
 """1 sigma of theta's error that neighbouring frames share: grey values between pixels, light, the pose at
 rest"""
@@ -208,12 +207,9 @@ def _follow(
     for step in range(REST_STEPS + 1):
         # Where the object was put down otherwise, so was its edge: the camera is moved instead.
         before = _moved_camera(images.camera, pivot, turned)
-        pose = placement.R_world_object, placement.p_world_object
-        template = print_template(rest, before, *shape, pose)
-        _refuse_unseen(template.faces)
-        follower = PrintFollower(template, before, images, pivot, placement.radius, interval_s)
+        follower = print_follower(rest, before, images, shape, placement, interval_s)
         if step == 0:
-            _refuse_vague(follower.theta_sd())
+            refuse_poor_print(follower)
         moving = frames[: len(frames) - len(settled)]
         poses = [
             follower.add(frame.image, starts[number], rates[number]) for number, frame in enumerate(moving)
@@ -310,27 +306,6 @@ def _refuse_other_outline(misfit: OutlineMisfit) -> None:
         raise TrackingError(
             f"{found} than the planned shape moves with the print: put the object down as its card shows, or"
             " correct the shape in the object file"
-        )
-
-
-def _refuse_unseen(faces: int) -> None:
-    if faces == 0:
-        raise TrackingError(
-            "no face of the object is in view where the plan puts it: check its placement and the camera"
-        )
-
-
-def _refuse_vague(theta_sd: float) -> None:
-    """Refuse a print that determines theta to less than `MAX_THETA_SD` in one image.
-
-    Raises:
-        TrackingError: the print is too poor.
-    """
-    if theta_sd > MAX_THETA_SD:
-        found = "blank" if math.isinf(theta_sd) else f"good to {math.degrees(theta_sd):.2f} deg only"
-        raise TrackingError(
-            f"the face in view has too little print ({found}, {math.degrees(MAX_THETA_SD):.1f} deg are needed"
-            " in a frame): stick on any sticker with print, or a tag"
         )
 
 

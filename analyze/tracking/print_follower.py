@@ -301,7 +301,7 @@ class PrintFollower:
         return np.asarray(eye + rays * ((middle - eye) @ normal / (rays @ normal))[:, None], dtype=np.float64)
 
     def moved(self, x: Array, points: Array | None = None) -> Array:
-        """Ideal pixels (k, 2) of the template's points, or others (k, 3) at rest in W, at unknowns `x` (6,)."""
+        """Ideal pixels (k, 2) at unknowns `x` (6,) of the template's points, or of (k, 3) at rest in W."""
         return self._placed(x, None if points is None else points - self._pivot).pixels
 
     def _placed(self, x: Array, arms: Array | None = None) -> _Placed:

@@ -76,20 +76,18 @@ def outline_misfit(
         rest: (h, w) mean image at rest, free of lens distortion.
         moving: images (h, w) of the tip, free of lens distortion, with their unknowns (6,).
     """
-    R, t = world_to_camera(camera)
-    corners = project_ideal(camera, placed[0] @ R.T + t)
-    inside = np.zeros(rest.shape, dtype=np.uint8)
-    for triangle in np.rint(16 * corners).astype(np.int32)[placed[1]]:
-        cv2.fillConvexPoly(inside, triangle, 1, shift=4)
-    distance = float(np.linalg.norm(placed[0].mean(axis=0) - camera.T_world_camera[:3, 3]))
-    px_per_m = float(camera.K[0, 0]) / distance
-    size = np.array(rest.shape)[::-1]
-    low = np.clip(corners.min(axis=0) - _AROUND_M * px_per_m, 0, size - 1).astype(int)
-    high = np.clip(corners.max(axis=0) + _AROUND_M * px_per_m, low + 1, size).astype(int)
-    columns, rows = np.meshgrid(*(np.arange(a, b, _STEP_PX) for a, b in zip(low, high, strict=True)))
-    margin = _MARGIN_M * px_per_m + _MARGIN_PX
-    within = cv2.distanceTransform(inside, cv2.DIST_L2, 5)[rows, columns] > margin
-    surroundings = cv2.distanceTransform(1 - inside, cv2.DIST_L2, 5)
+    inside = filled_outline(camera, placed)
+    across, down = (np.flatnonzero(inside.any(axis=axis)) for axis in (0, 1))
+    around = int(_AROUND_M * _px_per_m(camera, placed[0]))
+    columns, rows = np.meshgrid(
+        *(
+            np.arange(max(low - around, 0), min(high + around, size), _STEP_PX)
+            for (low, *_, high), size in ((across, camera.width), (down, camera.height))
+        )
+    )
+    margin = margin_px(camera, placed[0])
+    within = cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, 5)[rows, columns] > margin
+    surroundings = cv2.distanceTransform((~inside).astype(np.uint8), cv2.DIST_L2, 5)
     beyond = surroundings[rows, columns] > margin
     soft_rest = blurred(rest, _BLUR_PX)
     grey_rest = soft_rest[rows, columns]
@@ -124,3 +122,24 @@ def outline_misfit(
     still = moved > np.maximum(_LEAST_CHANGE, _CLEARER * stayed)
     area = max(int(inside.sum()), 1) / _STEP_PX**2
     return OutlineMisfit(float((body & beyond).sum()) / area, float((still & within).sum()) / area)
+
+
+def filled_outline(camera: CameraModel, placed: tuple[Array, IntArray]) -> NDArray[np.bool_]:
+    """True (h, w) where the camera sees an object, by vertices (v, 3) in W [m] and triangles (t, 3)."""
+    R, t = world_to_camera(camera)
+    corners = project_ideal(camera, placed[0] @ R.T + t)
+    inside = np.zeros((camera.height, camera.width), dtype=np.uint8)
+    for triangle in np.rint(16 * corners).astype(np.int32)[placed[1]]:
+        cv2.fillConvexPoly(inside, triangle, 1, shift=4)
+    return inside.astype(np.bool_)
+
+
+def margin_px(camera: CameraModel, points: Array) -> float:
+    """Distance from an object's outline within which nothing counts [px], by points (v, 3) on it [m]."""
+    return _MARGIN_M * _px_per_m(camera, points) + _MARGIN_PX
+
+
+def _px_per_m(camera: CameraModel, points: Array) -> float:
+    """Pixels per metre at the middle of points (v, 3) in W [m]."""
+    distance = float(np.linalg.norm(points.mean(axis=0) - camera.T_world_camera[:3, 3]))
+    return float(camera.K[0, 0]) / distance

@@ -15,12 +15,10 @@ from analyze.motion.scene import at_rest, check_placement, read_scene
 from analyze.motion.strike import verdict_of
 from analyze.motion.strike_task import StrikeTask
 from analyze.pipeline.sections import MeshSections
-from analyze.tags.side_names import axis_name
 from analyze.tracking.camera_model import pixel_map
 from analyze.tracking.marker import families_of
-from analyze.tracking.print_likeness import PrintedSurface, rest_view
-from analyze.tracking.print_template import IdealImages
 from analyze.verbs.watch.curve import strike_curve
+from analyze.verbs.watch.print_placement import PrintPlacement
 from analyze.verbs.watch.wanted_place import WantedPlace
 from schemas.strike_result import USABLE_VERDICTS, Verdict
 from schemas.tags import name_order
@@ -31,7 +29,6 @@ if TYPE_CHECKING:
     from typing import Any
 
     from analyze.motion.scene import Scene
-    from analyze.tracking.print_likeness import RestView
     from analyze.types import CameraModel, ImageFrame, Marker
     from schemas.strike_plan import PlannedStrike, StrikePlan
 
@@ -44,8 +41,8 @@ REST_BEFORE_NS, TIP_AFTER_NS = 600_000_000, 1_800_000_000
 
 The slowest tip over the balance takes about 1 s.
 """
-_NOW = "now"
-"""name of the object as it lies now, beside those of strikes"""
+REST_IMAGES = 8
+"""number of the newest images by which an untagged object's placement is checked"""
 MOVED_PX = 3.0
 """distance [px] of a corner from its position at rest above which the marker counts as moving.
 
@@ -100,8 +97,8 @@ class Observer:
         self._expected: PlannedStrike | None = None
         self._wanted: WantedPlace | None = None
         self._scenes: deque[Scene] = deque(maxlen=12)
-        self._views: dict[str, RestView] = {}
-        """the object at rest before each usable strike, where it is followed by its print"""
+        shape = None if sections is None or markers else sections.surface()
+        self._print_placement = None if shape is None else PrintPlacement(camera, shape)
         self._print_advice: str | None = None
         """instruction by the print of the object as it rests now; None if not looked at yet"""
         self._seen: deque[Scene] = deque()
@@ -165,7 +162,7 @@ class Observer:
             self._print_advice = None
         elif self._expected is not None and not self._markers:
             if self._print_advice is None:
-                self._print_advice = self._print_text(self._decode(image), self._expected)
+                self._print_advice = self._print_text(self._expected)
             text = self._print_advice
         wanted = {} if self._wanted is None else self._wanted.compare(self._scenes)
         return WatchEvent(
@@ -178,26 +175,16 @@ class Observer:
             **wanted,
         )
 
-    def _print_text(self, frame: ImageFrame, planned: PlannedStrike) -> str:
-        """Instruction if a side shows other print than in an earlier strike, else empty.
+    def _print_text(self, planned: PlannedStrike) -> str:
+        """Instruction to the user by the images of an untagged object at rest; empty without any.
 
         Args:
-            frame: image of the object at rest.
             planned: the strike that is expected.
         """
-        shape = None if self._sections is None else self._sections.surface()
-        if shape is None or not self._views:
+        if self._print_placement is None:
             return ""
-        camera = turned_camera(self._camera, planned.heading_rad)
-        pose = np.array(planned.R_world_object), np.array(planned.p_world_object)
-        view = rest_view([IdealImages(camera).ideal(frame.image)], camera, shape[0], pose)
-        surface = PrintedSurface(*shape)
-        for each in surface.differences_from(_NOW, {**self._views, _NOW: view}):
-            return (
-                f"the print on {axis_name(each.normal)} is not that of strike {each.strikes[1]}: put the"
-                " object down as its card shows"
-            )
-        return ""
+        newest = list(self._images)[-REST_IMAGES:]
+        return self._print_placement.advice(planned, [self._decode(image) for image in newest])
 
     def judge(self, request: JudgeRequest) -> StrikeVerdict:
         """Judge a strike from the images kept.
@@ -231,8 +218,9 @@ class Observer:
             )
             shape = None if known is None or self._markers else known.surface()
             motion, report = analyse_images(self._window(request), camera, self._markers, shape, task)
-            if report.rest_view is not None and motion.verdict in USABLE_VERDICTS:
-                self._views[request.strike_id] = report.rest_view
+            view = report.rest_view
+            if self._print_placement and view is not None and motion.verdict in USABLE_VERDICTS:
+                self._print_placement.struck(request.strike_id, planned, next(self._window(request)), view)
         except AnalyzeError as error:
             return unreadable(request, str(error))
         contact = contact_time(motion.fit) if motion.fit else None

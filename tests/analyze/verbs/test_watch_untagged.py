@@ -11,7 +11,7 @@ from analyze.verbs.watch.observer import Observer
 from schemas.strike_plan import StrikePlan
 from schemas.strike_result import Verdict
 from schemas.watch_lines import JudgeRequest
-from tests.analyze.motion.printed_box import box, camera, tip
+from tests.analyze.motion.printed_box import Tip, box, camera, tip
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,34 @@ def test_an_untagged_object_is_judged_by_its_print(blank, verdict):
         )
     )
     assert judged.code is verdict
+    assert ("too little print" in resting[-1].text) is blank
     if blank:
         assert "too little print" in judged.reason
+
+
+def judged_good(watcher: Observer, made: Tip) -> None:
+    """Let the observer see a strike and judge it."""
+    for frame in made.frames:
+        watcher.keep(Stored(frame.time_ns, frame.image))
+    request = JudgeRequest(
+        plan_strike_id=made.planned.id,
+        strike_id="s3.1",
+        window_start_ns=made.frames[0].time_ns,
+        window_end_ns=made.frames[-1].time_ns,
+        contact_time_ns=made.contact_ns,
+    )
+    assert watcher.judge(request).code is Verdict.GOOD
+
+
+def told_at_rest(watcher: Observer, frames: list[ImageFrame], after_ns: int) -> str:
+    """Instruction to the user after the observer has seen images of the object at rest."""
+    events = [
+        event
+        for frame in frames
+        if (event := watcher.add(Stored(frame.time_ns + after_ns, frame.image))) is not None
+    ]
+    assert events[-1].at_rest
+    return events[-1].text
 
 
 @pytest.mark.parametrize(
@@ -66,23 +92,25 @@ def test_another_side_than_planned_is_told_before_the_strike(seed, text):
     first, second = tip(2, 0), tip(3, seed)
     plan = StrikePlan(object_name="box", object_sha256="0" * 64, strikes=[first.planned, second.planned])
     watcher = observer(plan)
-    for frame in first.frames:
-        watcher.keep(Stored(frame.time_ns, frame.image))
-    request = JudgeRequest(
-        plan_strike_id=first.planned.id,
-        strike_id="s3.1",
-        window_start_ns=first.frames[0].time_ns,
-        window_end_ns=first.frames[-1].time_ns,
-        contact_time_ns=first.contact_ns,
-    )
-    assert watcher.judge(request).code is Verdict.GOOD
+    judged_good(watcher, first)
     watcher.expect(second.planned.id)
-    later_ns = first.frames[-1].time_ns
-    events = [
-        event
-        for frame in second.frames[:36]
-        if (event := watcher.add(Stored(frame.time_ns + later_ns, frame.image))) is not None
-    ]
-    assert events[-1].at_rest
-    assert events[-1].text.startswith(text)
-    assert bool(events[-1].text) is bool(text)
+    told = told_at_rest(watcher, second.frames[:36], first.frames[-1].time_ns)
+    assert told.startswith(text)
+    assert bool(told) is bool(text)
+
+
+def test_a_box_that_stands_in_place_of_lying_is_told_before_the_strike():
+    first, second = tip(2, 0), tip(3, 0)
+    lying = second.planned.model_copy(
+        update={
+            "id": "lying",
+            "R_world_object": [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]],
+            "p_world_object": [-0.065, 0.0, 0.0375],
+        }
+    )
+    plan = StrikePlan(object_name="box", object_sha256="0" * 64, strikes=[first.planned, lying])
+    watcher = observer(plan)
+    judged_good(watcher, first)
+    watcher.expect("lying")
+    told = told_at_rest(watcher, second.frames[:36], first.frames[-1].time_ns)
+    assert told == "the outline is not that on the card: put the object down as drawn there"
