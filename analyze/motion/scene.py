@@ -31,8 +31,13 @@ _MAX_STILL_PX = 0.3
 """largest motion of a corner at rest [px]"""
 _MAX_STILL_GREY = 5.0
 """largest mean difference of two images [grey levels] at rest, if no marker is in view"""
+_OTHER_GREY, _MAX_OTHER = 20.0, 0.005
+"""difference of a pixel's grey level that no noise makes, and largest share of such pixels at rest: an object
+fills only part of the image"""
 _REST_DURATION_NS = 240_000_000
 """time without motion [ns] that counts as rest"""
+RESTED_NS = 360_000_000
+"""time before an image at rest in which all images show rest [ns]"""
 _SATURATED = 254
 """grey level of a saturated pixel"""
 _MAX_ERROR_RATIO = 2.0
@@ -91,8 +96,8 @@ def at_rest(scenes: Sequence[Scene]) -> bool:
     """True if nothing has moved over the last 0.24 s (about one interval of the preview images).
 
     Nothing has moved if no marker's corner is off by more than 0.3 px, or, with no marker in view, the grey
-    levels by more than 5 on average. False also if the images of the last 0.36 s do not span 0.24 s, or if
-    different markers are seen in them.
+    levels by more than 5 on average, or by more than 20 in more than 0.5 % of the image. False also if the
+    images of the last 0.36 s do not span 0.24 s, or if different markers are seen in them.
 
     Args:
         scenes: markers and coarse grey levels of successive images, in order of time; none gives False.
@@ -100,7 +105,7 @@ def at_rest(scenes: Sequence[Scene]) -> bool:
     if not scenes:
         return False
     last = scenes[-1]
-    older = [scene for scene in scenes if last.time_ns - scene.time_ns <= 1.5 * _REST_DURATION_NS]
+    older = [scene for scene in scenes if last.time_ns - scene.time_ns <= RESTED_NS]
     if len(older) < 2 or last.time_ns - older[0].time_ns < _REST_DURATION_NS:
         return False
     for scene in older[:-1]:
@@ -108,7 +113,8 @@ def at_rest(scenes: Sequence[Scene]) -> bool:
             return False
         if any(np.max(np.abs(scene.corners[i] - last.corners[i])) > _MAX_STILL_PX for i in last.corners):
             return False
-        if not last.corners and float(np.mean(np.abs(scene.coarse - last.coarse))) > _MAX_STILL_GREY:
+        off = np.abs(scene.coarse - last.coarse)
+        if not last.corners and (off.mean() > _MAX_STILL_GREY or (off > _OTHER_GREY).mean() > _MAX_OTHER):
             return False
     return True
 

@@ -11,7 +11,7 @@ from analyze.errors import AnalyzeError
 from analyze.geometry.station import turned_camera
 from analyze.motion.contact_time import contact_time
 from analyze.motion.print_motion import analyse_images
-from analyze.motion.scene import at_rest, check_placement, read_scene
+from analyze.motion.scene import RESTED_NS, at_rest, check_placement, read_scene
 from analyze.motion.strike import verdict_of
 from analyze.motion.strike_task import StrikeTask
 from analyze.pipeline.sections import MeshSections
@@ -42,7 +42,7 @@ REST_BEFORE_NS, TIP_AFTER_NS = 600_000_000, 1_800_000_000
 The slowest tip over the balance takes about 1 s.
 """
 REST_IMAGES = 8
-"""number of the newest images by which an untagged object's placement is checked"""
+"""largest number of images at rest by which an untagged object's placement is checked"""
 MOVED_PX = 3.0
 """distance [px] of a corner from its position at rest above which the marker counts as moving.
 
@@ -183,8 +183,9 @@ class Observer:
         """
         if self._print_placement is None:
             return ""
-        newest = list(self._images)[-REST_IMAGES:]
-        return self._print_placement.advice(planned, [self._decode(image) for image in newest])
+        since_ns = self.newest_ns - RESTED_NS
+        rest = [image for image in list(self._images)[-REST_IMAGES:] if image.log_time_ns >= since_ns]
+        return self._print_placement.advice(planned, [self._decode(image) for image in rest])
 
     def judge(self, request: JudgeRequest) -> StrikeVerdict:
         """Judge a strike from the images kept.

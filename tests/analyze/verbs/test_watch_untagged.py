@@ -114,3 +114,20 @@ def test_a_box_that_stands_in_place_of_lying_is_told_before_the_strike():
     watcher.expect("lying")
     told = told_at_rest(watcher, second.frames[:36], first.frames[-1].time_ns)
     assert told == "the outline is not that on the card: put the object down as drawn there"
+
+
+def test_a_turned_box_is_looked_at_again():
+    """Five images a second, and a box that fills a small part of them."""
+    first, wrong, right = tip(2, 0), tip(3, 1), tip(3, 0)
+    plan = StrikePlan(object_name="box", object_sha256="0" * 64, strikes=[first.planned, right.planned])
+    watcher = observer(plan)
+    judged_good(watcher, first)
+    watcher.expect(right.planned.id)
+    told: list[str] = []
+    for number, frame in enumerate([*wrong.frames[:6], *right.frames[:6]], start=1):
+        event = watcher.add(Stored(first.frames[-1].time_ns + 180_000_000 * number, frame.image))
+        assert event is not None
+        told.append(event.text if event.at_rest else "moves")
+    assert told[5].startswith("the print")
+    assert "moves" in told[6:]
+    assert not told[-1]
