@@ -120,7 +120,7 @@ def analyse_images(
     images = list(frames)
     times_ns = np.array([frame.time_ns for frame in images], dtype=np.int64)
     motion, view, points = print_motion(
-        images, camera, shape, placement_of(task.planned), task.contact_time_ns
+        images, camera, shape, placement_of(task.planned), task.contact_time_ns, _edge_left_rad(task)
     )
     report = TrackingReport((), (), times_ns, view, points)
     unseen_ns = np.setdiff1d(times_ns, motion.angle.time_ns)
@@ -135,6 +135,7 @@ def print_motion(
     shape: tuple[Array, IntArray],
     placement: Placement,
     contact_time_ns: int,
+    edge_left_rad: float = math.inf,
 ) -> tuple[PlanarMotion, RestView, PrintPoints]:
     """Motion of a strike from its images by the print that the camera sees at rest.
 
@@ -144,6 +145,7 @@ def print_motion(
         shape: vertices (v, 3) in O [m] and triangles (t, 3) of the object.
         placement: planned pose of the object and pivot.
         contact_time_ns: log time of the contact [ns]; 0 if unknown.
+        edge_left_rad: tip at which the object goes over to another line than the planned edge [rad].
 
     Returns:
         Tipping angle, slip and lift of the pivot in every frame in which the print was found; the object at
@@ -158,10 +160,12 @@ def print_motion(
     frames = frames[max(0, rested - _TRACKED_REST) :]
     rested = min(rested, _TRACKED_REST)
     times_ns = np.array([frame.time_ns for frame in frames], dtype=np.int64)
-    followed = _follow(frames, 1e-9 * (times_ns - times_ns[0]), rest, images, shape, placement)
+    times_s = 1e-9 * (times_ns - times_ns[0])
+    followed = _follow(frames, times_s, rest, images, shape, placement, edge_left_rad)
     poses, follower, seen_by = followed.poses, followed.follower, followed.seen_by
     pivot = placement.R_world_object @ placement.p_object_pivot + placement.p_world_object
-    slow_sd = _slow_sd(poses[: followed.ended], rested, pivot - seen_by.T_world_camera[:3, 3])
+    tipped = _over_edge(poses[: followed.ended], edge_left_rad)
+    slow_sd = _slow_sd(tipped, rested, pivot - seen_by.T_world_camera[:3, 3])
     found = _frames_with_print(poses, rested)
     tip = [(images.ideal(frames[number].image), poses[number].x) for number in _outline_frames(poses, found)]
     if tip:
@@ -181,6 +185,7 @@ def _follow(
     images: IdealImages,
     shape: tuple[Array, IntArray],
     placement: Placement,
+    edge_left_rad: float,
 ) -> _Followed:
     """Track the frames, with the pose at rest that explains most of the print.
 
@@ -191,6 +196,7 @@ def _follow(
         images: removal of the camera's distortion.
         shape: vertices (v, 3) in O [m] and triangles (t, 3) of the object.
         placement: planned pose of the object and pivot.
+        edge_left_rad: tip at which the object goes over to another line than the planned edge [rad].
 
     Raises:
         TrackingError: no face is in view, or its print is too poor.
@@ -224,7 +230,7 @@ def _follow(
             # Too far: half the way back.
             turned, starts = 0.5 * (turned + best[1]), unknown
             continue
-        correction = _rest_correction(poses[rested:], turned)
+        correction = _rest_correction(_over_edge(poses[rested:], edge_left_rad), turned)
         if np.all(np.abs(correction) < _REST_CONVERGED):
             break
         turned = turned + correction
@@ -246,6 +252,18 @@ def _moved_camera(camera: CameraModel, pivot: Array, turned: Array) -> CameraMod
     shift = np.array([turned[1], turned[2], 0.0])
     pose[:3, 3] = R.T @ (camera.T_world_camera[:3, 3] - pivot - shift) + pivot
     return replace(camera, T_world_camera=pose)
+
+
+def _edge_left_rad(task: StrikeTask) -> float:
+    """Tip [rad] at which the object goes over to another line than the planned edge; infinite if unknown."""
+    landing = math.inf if task.landing_angle_rad is None else task.landing_angle_rad
+    return min([landing, *(line.takes_over_rad for line in (task.supports or ())[1:2])])
+
+
+def _over_edge(poses: Sequence[PrintPose], edge_left_rad: float) -> list[PrintPose]:
+    """Frames in which the object turns over the planned edge, before any in which it does over another."""
+    left = [number for number, pose in enumerate(poses) if pose.x[THETA] > edge_left_rad]
+    return list(poses[: left[0]] if left else poses)
 
 
 def _rest_correction(poses: Sequence[PrintPose], turned: Array) -> Array:
