@@ -2,7 +2,8 @@
 
 Every earlier placement shows the surroundings where the object was not. A band beyond the planned outline
 must look as they do, a band within it must not. Shadows darken the table and the wall: only print, edges and
-brighter parts count as change, and beyond the outline only at the object's upper half.
+brighter parts count as change, and beyond the outline only at the object's upper half. The striker's arm
+stands elsewhere each time: on its side only what covers most of the band counts.
 """
 
 # cv2 is only partly typed.
@@ -10,6 +11,7 @@ brighter parts count as change, and beyond the outline only at the object's uppe
 
 from __future__ import annotations
 
+from collections import deque
 from typing import TYPE_CHECKING
 
 import cv2
@@ -38,8 +40,11 @@ _SAME = 3.0
 """difference up to which a patch without structure is the same [grey]"""
 _ALIKE, _UNLIKE = 0.8, 0.5
 """correlation from which on patches show the same, and below which they show something else"""
-_CHANGED, _UNCHANGED = 0.12, 0.18
-"""share of the band beyond that has changed, and of that within that has not, that tell of another"""
+_CHANGED, _CHANGED_AWAY, _UNCHANGED = 0.35, 0.12, 0.18
+"""share of the band beyond that has changed, of its part away from the striker, and of the band within that
+has not, that tell of another outline"""
+_KEPT = 4
+"""number of the newest placements whose surroundings are kept"""
 _LEAST_KNOWN = 0.3
 """share of a band whose surroundings must be known"""
 _OTHER_SCENE = 0.3
@@ -51,8 +56,8 @@ class Surroundings:
 
     def __init__(self) -> None:
         """Begin without any knowledge."""
-        self._image: NDArray[np.float32] | None = None
-        self._known = np.zeros((0, 0), dtype=bool)
+        self._kept: deque[tuple[NDArray[np.float32], NDArray[np.bool_]]] = deque(maxlen=_KEPT)
+        """images and where they show the surroundings"""
 
     def add(self, image: NDArray[np.float32], camera: CameraModel, placed: tuple[Array, IntArray]) -> None:
         """Take over what an image shows beside the object.
@@ -63,11 +68,7 @@ class Surroundings:
             placed: vertices (v, 3) of the object in W [m] and triangles (t, 3).
         """
         beside = ~_dilated(filled_outline(camera, placed), margin_px(camera, placed[0]))
-        if self._image is None:
-            self._image, self._known = image.copy(), beside
-            return
-        self._image[beside] = image[beside]
-        self._known |= beside
+        self._kept.append((image, beside))
 
     def contradict(
         self, image: NDArray[np.float32], camera: CameraModel, placed: tuple[Array, IntArray]
@@ -79,24 +80,33 @@ class Surroundings:
             camera: camera with its pose in W.
             placed: vertices (v, 3) of the object in W, as planned [m], and triangles (t, 3).
         """
-        if self._image is None:
+        if not self._kept:
             return False
-        changed, same = _compared(image, self._image)
         inside, margin = filled_outline(camera, placed), margin_px(camera, placed[0])
         near = _dilated(inside, margin)
-        beyond = _dilated(inside, margin + _BAND_PX) & ~near & _upper_half(camera, placed[0])
-        core = _dilated(~inside, margin)
-        within = _dilated(~inside, margin + _BAND_PX) & ~core
-        outer = self._known & ~near
+        upper, away = _parts(camera, placed[0])
+        beyond = _dilated(inside, margin + _BAND_PX) & ~near & upper
+        within = _dilated(~inside, margin + _BAND_PX) & ~_dilated(~inside, margin)
+        known = np.any([beside for _, beside in self._kept], axis=0)
+        changed, same = known.copy(), np.zeros_like(known)
+        for surroundings, beside in self._kept:
+            changed_here, same_here = _compared(image, surroundings)
+            changed &= changed_here | ~beside
+            same |= same_here & beside
+        outer = known & ~near
         if not outer.any() or changed[outer].mean() > _OTHER_SCENE:
             return False
-        return self._share(changed, beyond) > _CHANGED or self._share(same, within) > _UNCHANGED
+        return (
+            _share(changed, beyond, known) > _CHANGED
+            or _share(changed, beyond & away, known) > _CHANGED_AWAY
+            or _share(same, within, known) > _UNCHANGED
+        )
 
-    def _share(self, found: NDArray[np.bool_], band: NDArray[np.bool_]) -> float:
-        """Share of a band's known part in which something was found; 0 if too little of it is known."""
-        known = band & self._known
-        enough = known.sum() > _LEAST_KNOWN * band.sum()
-        return float(found[known].mean()) if enough else 0.0
+
+def _share(found: NDArray[np.bool_], band: NDArray[np.bool_], known: NDArray[np.bool_]) -> float:
+    """Share of a band's known part in which something was found; 0 if too little of it is known."""
+    here = band & known
+    return float(found[here].mean()) if here.sum() > _LEAST_KNOWN * band.sum() else 0.0
 
 
 def _compared(
@@ -121,13 +131,18 @@ def _dilated(mask: NDArray[np.bool_], pixels: float) -> NDArray[np.bool_]:
     return cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5) <= pixels
 
 
-def _upper_half(camera: CameraModel, points: Array) -> NDArray[np.bool_]:
-    """True (h, w) above the middle of an object's height, by points (v, 3) on it [m]."""
+def _parts(camera: CameraModel, points: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """True (h, w) above the middle of an object's height, and on the side away from the striker.
+
+    Args:
+        camera: camera with its pose in W.
+        points: (v, 3) points on the object in W [m]; the striker comes from -x.
+    """
     R, t = world_to_camera(camera)
-    low, high = points[:, 2].min(), points[:, 2].max()
-    middle = np.array([points[:, 0].mean(), points[:, 1].mean(), 0.5 * (low + high)])
-    side = middle + np.array([0.01, 0.0, 0.0])
-    (u, v), (u_side, v_side) = project_ideal(camera, np.array([middle, side]) @ R.T + t)
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    places = middle + np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]])
+    (u, v), (u_on, v_on) = project_ideal(camera, places @ R.T + t)
     rows, columns = np.mgrid[: camera.height, : camera.width]
-    line = v + (columns - u) * (v_side - v) / (u_side - u if u_side != u else 1.0)
-    return np.asarray(rows < line, dtype=np.bool_)
+    along = (columns - u) * (u_on - u) + (rows - v) * (v_on - v)
+    down = (rows - v) * (u_on - u) - (columns - u) * (v_on - v)
+    return down * np.sign(u_on - u) < 0.0, along > 0.0
