@@ -43,8 +43,10 @@ _ALIKE, _UNLIKE = 0.8, 0.5
 _CHANGED, _CHANGED_AWAY, _UNCHANGED = 0.35, 0.12, 0.18
 """share of the band beyond that has changed, of its part away from the striker, and of the band within that
 has not, that tell of another outline"""
-_KEPT = 4
+_KEPT = 6
 """number of the newest placements whose surroundings are kept"""
+_SAME_PLACE = 0.1
+"""share of the covered area by which placements differ that hide the same: the newest two of them are kept"""
 _LEAST_KNOWN = 0.3
 """share of a band whose surroundings must be known"""
 _OTHER_SCENE = 0.3
@@ -68,6 +70,13 @@ class Surroundings:
             placed: vertices (v, 3) of the object in W [m] and triangles (t, 3).
         """
         beside = ~_dilated(filled_outline(camera, placed), margin_px(camera, placed[0]))
+        alike = [
+            number
+            for number, (_, other) in enumerate(self._kept)
+            if np.sum(other != beside) < _SAME_PLACE * np.sum(~beside)
+        ]
+        if len(alike) > 1:
+            del self._kept[alike[0]]
         self._kept.append((image, beside))
 
     def contradict(
