@@ -23,7 +23,7 @@ class TurnInTheImage:
     def on_main_face(self, pixels: np.ndarray) -> np.ndarray:
         return pixels
 
-    def moved(self, points: np.ndarray, x: np.ndarray) -> np.ndarray:
+    def moved(self, x: np.ndarray, points: np.ndarray) -> np.ndarray:
         c, s = np.cos(x[0]), np.sin(x[0])
         return (points - PIVOT) @ np.array([[c, s], [-s, c]]) + PIVOT
 
