@@ -41,8 +41,9 @@ _LEAST_CHANGE = 6.0
 """least difference of grey values that tells body from surroundings"""
 _LEAST_FRAMES = 3
 """images that must show a part beyond the outline where nothing was before"""
-_CLEARER = 2.0
-"""ratio of the differences by moving and by staying from which one of them is excluded"""
+_CLEARER, _CLEARLY_STILL = 2.0, 4.0
+"""ratio of the differences by moving and by staying from which a part is not of the surroundings, and not of
+the body, whose shades stay with the light"""
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,7 @@ def outline_misfit(
     moved_out, changed_out = (cv2.blur(each / times, window) for each in (moved_out, changed_out))
     # An even background looks alike wherever it is: a body shows where it leaves and where it arrives.
     body = (arrivals >= _LEAST_FRAMES) & (changed_out > np.maximum(_LEAST_CHANGE, _CLEARER * moved_out))
-    still = moved > np.maximum(_LEAST_CHANGE, _CLEARER * stayed)
+    still = moved > np.maximum(_LEAST_CHANGE, _CLEARLY_STILL * stayed)
     area = max(int(inside.sum()), 1) / _STEP_PX**2
     return OutlineMisfit(float((body & beyond).sum()) / area, float((still & within).sum()) / area)
 
