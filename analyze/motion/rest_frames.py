@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from statistics import median
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -71,6 +70,6 @@ def end_of_motion(poses: Sequence[PrintPose], times_s: Array) -> int:
     seen = [
         (time_s, float(pose.x[THETA])) for pose, time_s in zip(poses, times_s, strict=True) if pose.explained
     ]
-    final = median(theta for _, theta in seen[-_LEAST_REST:]) if seen else 0.0
+    final = float(np.median([theta for _, theta in seen[-_LEAST_REST:]])) if seen else 0.0
     moving = [time_s for time_s, theta in seen if abs(theta - final) > _SETTLED_RAD]
     return int(np.sum(times_s <= moving[-1] + _AFTER_LANDING_S)) if moving else len(poses)
