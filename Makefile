@@ -258,7 +258,7 @@ bench-print: setup  ## strikes by the object's print beside the same strikes by 
 bench-print-cards: setup  ## strikes of untagged objects put down by another card: refused or not (CARDS="--objects carton") (ten minutes)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.print_cards $(CARDS)
 
-bench-print-traced: setup  ## strikes by print in a path tracer's films (installs Mitsuba); (TRACED="--objects carton --styles photo") (an hour)
+bench-print-traced: setup  ## strikes by print in a path tracer's films (installs Mitsuba); (TRACED="--objects carton --styles photo") (hours)
 	@$(BIN)/uv pip install -q --python $(BIN)/python --no-deps --require-hashes -r tests/benchmarks/traced_films.lock
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.print_traced $(TRACED)
 

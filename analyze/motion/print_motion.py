@@ -262,7 +262,7 @@ def _edge_left_rad(task: StrikeTask) -> float:
 
 def _over_edge(poses: Sequence[PrintPose], edge_left_rad: float) -> list[PrintPose]:
     """Frames in which the object turns over the planned edge, before any in which it does over another."""
-    left = [number for number, pose in enumerate(poses) if pose.x[THETA] > edge_left_rad]
+    left = [number for number, pose in enumerate(poses) if pose.explained and pose.x[THETA] > edge_left_rad]
     return list(poses[: left[0]] if left else poses)
 
 

@@ -97,8 +97,8 @@ class Observer:
         self._expected: PlannedStrike | None = None
         self._wanted: WantedPlace | None = None
         self._scenes: deque[Scene] = deque(maxlen=12)
-        shape = None if sections is None or markers else sections.surface()
-        self._print_placement = None if shape is None else PrintPlacement(camera, shape)
+        self._print_placement: PrintPlacement | None = None
+        """placement of an untagged object; None until its shape is recorded"""
         self._print_advice: str | None = None
         """instruction by the print of the object as it rests now; None if not looked at yet"""
         self._seen: deque[Scene] = deque()
@@ -181,11 +181,19 @@ class Observer:
         Args:
             planned: the strike that is expected.
         """
-        if self._print_placement is None:
+        placement = self._placement_by_print()
+        if placement is None:
             return ""
         since_ns = self.newest_ns - RESTED_NS
         rest = [image for image in list(self._images)[-REST_IMAGES:] if image.log_time_ns >= since_ns]
-        return self._print_placement.advice(planned, [self._decode(image) for image in rest])
+        return placement.advice(planned, [self._decode(image) for image in rest])
+
+    def _placement_by_print(self) -> PrintPlacement | None:
+        """What earlier strikes tell of an untagged object; None while its shape is not recorded."""
+        if self._print_placement is None and self._sections is not None and not self._markers:
+            shape = self._sections.surface()
+            self._print_placement = None if shape is None else PrintPlacement(self._camera, shape)
+        return self._print_placement
 
     def judge(self, request: JudgeRequest) -> StrikeVerdict:
         """Judge a strike from the images kept.
@@ -219,9 +227,9 @@ class Observer:
             )
             shape = None if known is None or self._markers else known.surface()
             motion, report = analyse_images(self._window(request), camera, self._markers, shape, task)
-            view = report.rest_view
-            if self._print_placement and view is not None and motion.verdict in USABLE_VERDICTS:
-                self._print_placement.struck(request.strike_id, planned, next(self._window(request)), view)
+            view, placement = report.rest_view, self._placement_by_print()
+            if placement is not None and view is not None and motion.verdict in USABLE_VERDICTS:
+                placement.struck(request.strike_id, planned, next(self._window(request)), view)
         except AnalyzeError as error:
             return unreadable(request, str(error))
         contact = contact_time(motion.fit) if motion.fit else None

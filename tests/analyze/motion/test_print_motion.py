@@ -94,3 +94,22 @@ def test_frames_without_the_print_are_left_out():
     shape = model.vertices, model.faces
     motion, _, _ = print_motion(frames, camera(), shape, placement_of(made.planned), made.contact_ns)
     assert motion.angle.time_ns[-1] < frames[gone].time_ns
+
+
+def test_what_moves_about_another_line_does_not_tell_of_the_pose_at_rest():
+    """A bevel has landed at 0.5 rad: from there on the body stands 8 px further."""
+    _, model = box()
+    made = tip(0, seed=0)
+    frames = [
+        replace(frame, image=np.roll(frame.image, 8, axis=1)) if theta > 0.5 else frame
+        for frame, theta in zip(made.frames, made.theta, strict=True)
+    ]
+    shape, placement = (model.vertices, model.faces), placement_of(made.planned)
+
+    def place(images, edge_left_rad):
+        _, view, _ = print_motion(images, camera(), shape, placement, made.contact_ns, edge_left_rad)
+        return view.camera.T_world_camera[:3, 3]
+
+    right = place(made.frames, 0.5)
+    assert np.linalg.norm(place(frames, 0.5) - right) < 3e-4
+    assert np.linalg.norm(place(frames, math.inf) - right) > 1e-3

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import cv2
 import numpy as np
 import pytest
 
 from analyze.motion.print_motion import MAX_OUTLINE_MISFIT
+from analyze.tracking.print_follower import PrintFollower
 from analyze.tracking.print_outline import OutlineMisfit, outline_misfit
 from analyze.types import CameraModel
 
@@ -65,7 +68,7 @@ def misfit(size: np.ndarray, *, wall: bool = True, arm: bool = False, can: bool 
         (drawn(size, angle, wall=wall, arm=arm, can=can), np.array([angle, 0, 0, 0, 0, 0.0]))
         for angle in angles
     ]
-    return outline_misfit(TurnInTheImage(), camera, placed, rest, moving)  # pyright: ignore[reportArgumentType]
+    return outline_misfit(cast("PrintFollower", TurnInTheImage()), camera, placed, rest, moving)
 
 
 @pytest.mark.parametrize("wall", [True, False])

@@ -1,6 +1,7 @@
 """Observations and verdicts of `analyze watch` on an object without tags."""
 
 from dataclasses import dataclass
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -131,3 +132,15 @@ def test_a_turned_box_is_looked_at_again():
     assert told[5].startswith("the print")
     assert "moves" in told[6:]
     assert not told[-1]
+
+
+def test_a_shape_that_is_recorded_later_counts_from_then_on():
+    first, wrong = tip(2, 0), tip(3, 1)
+    plan = StrikePlan(object_name="box", object_sha256="0" * 64, strikes=[first.planned, wrong.planned])
+    with patch.object(MeshSections, "surface", return_value=None):
+        watcher = observer(plan)
+        watcher.expect(first.planned.id)
+        assert not told_at_rest(watcher, first.frames[:36], 0)
+    judged_good(watcher, first)
+    watcher.expect(wrong.planned.id)
+    assert told_at_rest(watcher, wrong.frames[:36], first.frames[-1].time_ns)
