@@ -28,8 +28,9 @@ _SPREAD = np.array([0.7548776662, 0.5698402910])
 """steps of an even sequence in the unit square (Roberts 2018)"""
 _BLUR_PX = 2.5
 """1 sigma of the blur before the comparison [px]"""
-_STEEPEST = 0.35
-"""least cosine between a face's normal and the line of sight"""
+_STEEPEST = 0.6
+"""least cosine between a face's normal and the line of sight: print on a round wall that two strikes see
+aslant from two sides differs by its blur alone"""
 _SHIFT_M, _STEPS = 5e-3, 4
 """largest shift of one print against the other that is tried, and steps to it on each side"""
 _LEAST_POINTS = 150

@@ -6,6 +6,8 @@ from analyze.motion.print_motion import print_motion
 from analyze.motion.strike import placement_of
 from analyze.tracking.print_likeness import PrintedSurface
 from tests.analyze.motion.printed_box import box, camera, tip
+from tests.benchmarks.tosses import prepared
+from tests.printed import PrintedObject
 
 FRAMES = 40
 """frames from rest until shortly after the blow"""
@@ -17,6 +19,12 @@ def view(number: int, seed: int):
     made = tip(number, seed)
     shape = model.vertices, model.faces
     return print_motion(made.frames[:FRAMES], camera(), shape, placement_of(made.planned), made.contact_ns)[1]
+
+
+def test_a_round_wall_seen_aslant_from_two_sides_is_one_print():
+    """The salt tin, put down as planned: none of its strikes shows other print."""
+    thing, (model, _) = PrintedObject("salt", 2), prepared("salt")
+    assert PrintedSurface(model.vertices, model.faces).differences(thing.rest_views) == ()
 
 
 def test_strikes_that_show_one_side_are_compared_by_its_print():
