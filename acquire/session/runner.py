@@ -66,8 +66,8 @@ class SessionRunner:
     ) -> None:
         self._client, self._input, self._output = client, given, output
         self._progress, self._options = progress, options
-        self._machine = session_machine(given.plan, options)
-        self._tosses = TossSteps(client.call, self._report, self._clear_fault)
+        self._machine = session_machine(given.plan, options, untagged=given.untagged)
+        self._tosses = TossSteps(client.call, self._report, self._clear_fault, untagged=given.untagged)
         self._status = ProgressReporter(client.call, given, output, lambda: self._machine.progress, options)
         self._anchor_ns = 0
         self._ordered = 0

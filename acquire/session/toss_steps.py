@@ -17,6 +17,8 @@ STOPPED = "stopped on request"
 FAST_PX, FAST_LOOKS = 12.0, 2
 """motion of a marker between two observations [px] from which on the object flies; number of them in
 succession"""
+MOVING_LOOKS = 6
+"""number of observations in succession with motion, 0.5 s, after which an untagged object has flown"""
 
 
 class TossSteps:
@@ -26,6 +28,7 @@ class TossSteps:
         call: function that makes a request (name, parameters) to the daemon.
         report: function that shows a line to the operator.
         clear_fault: homes the striker; a StopRequested event if it was stopped meanwhile.
+        untagged: True if the object has no tags.
     """
 
     def __init__(
@@ -33,8 +36,11 @@ class TossSteps:
         call: Callable[..., Any],
         report: Callable[[str], None],
         clear_fault: Callable[[], events.StopRequested | None],
+        *,
+        untagged: bool = False,
     ) -> None:
         self._call, self._report, self._clear_fault = call, report, clear_fault
+        self._untagged = untagged
         self.begun = 0
         """number of tosses whose recording window was opened"""
         self.kept = 0
@@ -90,7 +96,7 @@ class TossSteps:
         opened_ns = int(self._call("window.open")["start_ns"])
         self.begun += 1  # from here on the file may hold images that cannot be made again
         start = time.monotonic()
-        flight, end_ns, seen_ns = FlightWatch(), 0, opened_ns
+        flight, end_ns, seen_ns = FlightWatch(untagged=self._untagged), 0, opened_ns
         while not end_ns and (waited_s := time.monotonic() - start) < waits.TOSS_LATE_S:
             time.sleep(0.05)
             if self._call("status")["striker_trouble"] == STOPPED:
@@ -118,7 +124,7 @@ class TossSteps:
             toss_id=f"{action.toss.id}.{action.attempt}",
             window_start_ns=action.recorded.window_start_ns,
             window_end_ns=action.recorded.window_end_ns,
-            timeout_s=waits.TOSS_JUDGE_TIMEOUT_S,
+            timeout_s=waits.PRINT_JUDGE_TIMEOUT_S if self._untagged else waits.TOSS_JUDGE_TIMEOUT_S,
         )["verdict"]
         return events.TossJudged(TossJudgement.model_validate(answer) if answer else None)
 
@@ -141,23 +147,32 @@ class TossSteps:
 
 
 class FlightWatch:
-    """Decides from the observations of `analyze watch` whether a tossed object has flown and lies still."""
+    """Decides from the observations of `analyze watch` whether a tossed object has flown and lies still.
 
-    def __init__(self) -> None:
+    Args:
+        untagged: True if the object has no tags, whose motion would show a flight.
+    """
+
+    def __init__(self, *, untagged: bool = False) -> None:
+        self._untagged = untagged
+        self._looks = MOVING_LOOKS if untagged else FAST_LOOKS
         self._last: WatchEvent | None = None
         self._fast = 0
         self._still_ns = 0
+        self._held = False
+        """True once all was at rest"""
 
     def is_over(self, event: WatchEvent) -> bool:
         """Take the next observation; True once the object lies still after a flight.
 
         The object flies if it moves fast in `FAST_LOOKS` observations in succession, as no hand that holds it
-        trembles; it lies still if it is at rest for TOSS_REST_S.
+        trembles; it lies still if it is at rest for TOSS_REST_S. Without tags it flies if anything moves in
+        `MOVING_LOOKS` observations in succession after a rest: recording begins while it is held still.
         """
-        if self._fast < FAST_LOOKS:
+        if self._fast < self._looks:
             self._fast = self._fast + 1 if self._moves_fast(event) else 0
         self._last = event
-        if self._fast < FAST_LOOKS or not event.at_rest:
+        if self._fast < self._looks or not event.at_rest:
             self._still_ns = 0
             return False
         self._still_ns = self._still_ns or event.time_ns
@@ -166,8 +181,11 @@ class FlightWatch:
     def _moves_fast(self, event: WatchEvent) -> bool:
         """True if every marker seen in this observation and the one before has moved by `FAST_PX` or more.
 
-        Also if markers were seen in both, and none in both.
+        Also if markers were seen in both, and none in both; and without tags after a rest, unless all rests.
         """
+        if self._untagged:
+            self._held = self._held or event.at_rest
+            return self._held and not event.at_rest
         if self._last is None or not event.markers or not self._last.markers:
             return False
         before = {marker.id: marker.corners_px for marker in self._last.markers}

@@ -218,6 +218,11 @@ class StrikesAndTosses(SessionMachine):
         """state machine of the tosses; None during the strikes"""
 
     @property
+    def only_tosses(self) -> bool:
+        """True if no strike is to be made."""
+        return self._only_tosses
+
+    @property
     def progress(self) -> tuple[int, int]:
         """Number of strikes and tosses done or skipped, and number of all that are planned."""
         count = len(self.plan.tosses)
@@ -257,7 +262,7 @@ class StrikesAndTosses(SessionMachine):
         return self.tosses.begin()
 
 
-def session_machine(plan: StrikePlan, options: SessionOptions) -> SessionMachine:
+def session_machine(plan: StrikePlan, options: SessionOptions, *, untagged: bool = False) -> SessionMachine:
     """State machine of a session by its plan: with tosses if the plan has any, or if only they are wanted.
 
     Raises:
@@ -265,5 +270,11 @@ def session_machine(plan: StrikePlan, options: SessionOptions) -> SessionMachine
             planned strike was made before.
     """
     if plan.tosses or options.only_tosses:
-        return StrikesAndTosses(plan, options.target, options.earlier, only_tosses=options.only_tosses)
+        machine = StrikesAndTosses(plan, options.target, options.earlier, only_tosses=options.only_tosses)
+        if untagged and machine.only_tosses:
+            raise SessionError(
+                "without a tag a tossed object is followed by its print, which strikes of the same recording"
+                " show, and no strike is to be made: make strikes and tosses in one session, or glue tags on"
+            )
+        return machine
     return SessionMachine(plan, options.target, options.earlier)

@@ -38,6 +38,8 @@ TOSS_LATE_S = 16.0
 TOSS_TIMEOUT_S, because images may arrive late"""
 TOSS_JUDGE_TIMEOUT_S = 30.0
 """longest wait for the verdict of `analyze watch` on a toss [s], several seconds of images"""
+PRINT_JUDGE_TIMEOUT_S = 90.0
+"""the same for an object without tags, of which a frame takes up to 0.1 s"""
 TOSS_REST_S = 0.5
 """time for which the object lies still after a toss before its window is closed [s]"""
 HOME_TIMEOUT_S = 20.0

@@ -216,14 +216,19 @@ def test_an_event_of_a_strike_is_refused():
         tossing("t1").handle(events.Ready())
 
 
-def seen(looks: list[tuple[float, bool]]) -> list[bool]:
-    """Answers of a FlightWatch to looks 90 ms apart: place of a marker [px], and whether it is at rest."""
-    watch = FlightWatch()
+def seen(looks: list[tuple[float | None, bool]]) -> list[bool]:
+    """Answers of a FlightWatch to looks 90 ms apart: place of a marker [px], and whether it is at rest.
+
+    None stands for no marker in view.
+    """
+    watch = FlightWatch(untagged=all(x is None for x, _ in looks))
     return [
         watch.is_over(
             WatchEvent(
                 time_ns=90_000_000 * number,
-                markers=[SeenMarker(id=0, corners_px=[[x, 0.0], [x + 1, 0], [x + 1, 1], [x, 1]])],
+                markers=[]
+                if x is None
+                else [SeenMarker(id=0, corners_px=[[x, 0.0], [x + 1, 0], [x + 1, 1], [x, 1]])],
                 at_rest=rest,
                 saturated_fraction=0.0,
             )
@@ -240,3 +245,17 @@ def test_a_toss_is_over_half_a_second_after_the_flight():
 
 def test_a_hand_that_trembles_has_not_tossed():
     assert not any(seen([(3.0 * (n % 2), n % 5 == 0) for n in range(60)] + [(0.0, True)] * 20))
+
+
+def test_an_untagged_object_has_flown_if_it_moved_after_it_was_held_still():
+    placed, held, flight = [(None, False)] * 8, [(None, True)] * 12, [(None, False)] * 7
+    answers = seen(placed + held + flight + [(None, True)] * 8)
+    assert answers.index(True) == 27 + 6
+    regripped = [(None, False)] * 4
+    assert not any(seen(placed + held + regripped + held))
+
+
+def test_an_untagged_object_cannot_be_tossed_without_strikes():
+    with pytest.raises(SessionError, match="make strikes and tosses in one session, or glue tags on"):
+        session_machine(with_tosses("t1"), SessionOptions(only_tosses=True), untagged=True)
+    assert session_machine(with_tosses("t1"), SessionOptions(), untagged=True).progress == (0, 2)
