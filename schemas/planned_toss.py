@@ -52,7 +52,7 @@ class PlannedToss(Document):
         default=None,
         gt=0,
         description="predicted side in the image of the object's smallest tag at the top of the flight; null "
-        "if not predicted",
+        "if not predicted, or without tags",
     )
     card: str = Field(default="", description="instruction in words how to toss the object")
 

@@ -23,6 +23,7 @@ from acquire.virtual.world import TICK_NS, World
 from acquire.virtual.world_state import WorldState
 from analyze.geometry.object_model import load_object_model
 from analyze.planning.examine import Bench
+from analyze.planning.followed_squares import side_squares
 from analyze.planning.hypothesis import hypothesis
 from analyze.planning.impact import StrikerModel
 from analyze.planning.tosses import plan_tosses
@@ -137,7 +138,8 @@ def planned_tosses(thing: VirtualObject, count: int) -> list[PlannedToss]:
     model = load_object_model(thing.spec, shape[1], shape[0])
     place = station(0, thing.camera_distance_m)
     camera = CameraModel(WIDTH_PX, HEIGHT_PX, place.K, np.zeros(5), place.T_world_camera)
-    return plan_tosses(thing.spec, hypothesis(model), Bench(StrikerModel(), camera, 0.6), count)
+    sides = () if thing.spec.marker else side_squares(model)
+    return plan_tosses(thing.spec, hypothesis(model), Bench(StrikerModel(), camera, 0.6), count, sides)
 
 
 def toss(

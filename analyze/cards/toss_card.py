@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from analyze.cards.by_hand import in_hand_words, picture_in_hand_words
 from analyze.cards.drawn_shape import DrawnShape
 from analyze.cards.toss_picture import hold_picture, side_picture
 from analyze.geometry.object_model import ObjectModel
+from analyze.planning.followed_squares import FollowedSquare, side_squares, tag_squares
 from analyze.planning.hypothesis import hypothesis
 from analyze.types import Array
 from schemas.object_spec import ObjectSpec
@@ -30,7 +32,7 @@ class TossCard:
     rise_m: float
     """rise of the centre of mass [m]"""
     facing: str
-    """name of the tag that faces the camera"""
+    """name of the tag or side that faces the camera"""
     hold: Markup
     """large picture of the object in the hands, as an <svg> element"""
     side: Markup
@@ -79,8 +81,9 @@ def toss_cards(
     com = hypothesis(model).region.centre if assumed is None else np.array(assumed.com_m)
     gravity = G_M_S2 if assumed is None else assumed.g_m_s2
     found: list[TossCard] = []
+    squares = tag_squares(spec) or side_squares(model)
     for number, toss in enumerate(plan.tosses, start=1):
-        rise, facing = gravity * toss.flight_s.target**2 / 8, _facing(spec, np.array(toss.R_world_object))
+        rise, facing = gravity * toss.flight_s.target**2 / 8, _facing(squares, np.array(toss.R_world_object))
         drawings = [
             hold_picture(shape, spec, toss, com, facing),
             side_picture(shape, spec, toss, com, rise),
@@ -93,8 +96,7 @@ def toss_cards(
     return found
 
 
-def _facing(spec: ObjectSpec, R_world_object: Array) -> str:
-    """Name of the tag that faces the camera most."""
-    placed = [marker for marker in spec.marker if marker.T_object_marker is not None]
-    towards = [-(R_world_object @ np.array(marker.T_object_marker)[:3, 2])[1] for marker in placed]
-    return str(placed[int(np.argmax(towards))].name) if placed else ""
+def _facing(squares: Sequence[FollowedSquare], R_world_object: Array) -> str:
+    """Name of the tag or side that faces the camera most."""
+    towards = [-(R_world_object @ square.T_object_square[:3, 2])[1] for square in squares]
+    return squares[int(np.argmax(towards))].name

@@ -42,7 +42,7 @@ def hold_picture(shape: DrawnShape, spec: ObjectSpec, toss: PlannedToss, com: Ar
         spec: object file, with its tags.
         toss: the planned toss.
         com: (3,) expected centre of mass in O [m].
-        facing: name of the tag that faces the camera.
+        facing: name of the tag or side that faces the camera.
     """
     R = TURNED @ np.array(toss.R_world_object)
     body = PlacedObject(shape, spec, R, -R @ com)
@@ -69,7 +69,7 @@ def hold_picture(shape: DrawnShape, spec: ObjectSpec, toss: PlannedToss, com: Ar
         ink.text((top[0], top[1] - 26), "spin this way", 28, ink.BLUE),
         ink.text((ends[3][0], ends[3][1] - 22), "spin axis", 28, ink.RED),
         ink.text((WIDTH / 2, HEIGHT - 62), "a finger of each hand on each red dot", 28, ink.RED),
-        ink.text((WIDTH / 2, HEIGHT - 24), f"as you see it; tag {facing} faces the camera", 25, ink.MUTED),
+        ink.text((WIDTH / 2, HEIGHT - 24), f"as you see it; {facing} faces the camera", 25, ink.MUTED),
     ]
     return ink.picture(WIDTH, HEIGHT, parts, "the object in the hands, with its spin axis and direction")
 

@@ -31,7 +31,7 @@ def toss_card(
     place = f"{abs(height) * 1000:.0f} mm {'above' if height >= 0 else 'below'} the table's top"
     return (
         f"Lay a cushion {apex[1] * 1000:.0f} mm behind the line, away from the camera, and stand behind it, "
-        f"facing the camera. Hold {spec.name} there in both hands, its middle {place}, marker {hold.facing} "
+        f"facing the camera. Hold {spec.name} there in both hands, its middle {place}, {hold.facing} "
         "towards the camera, a finger of each hand where the spin axis leaves it. Hold it still until the "
         f"camera records. Throw it straight up by {rise * 1000:.0f} mm with a spin whose top moves towards "
         f"the camera: about {turns:.1f} turns until it falls on the cushion, {flight_s:.2f} s later. Take "

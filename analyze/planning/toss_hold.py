@@ -1,17 +1,18 @@
-"""How to hold an object for a toss: its turn in the hand, so that the camera sees a tag at every moment.
+"""How to hold an object for a toss: its turn in the hand, so that the camera can follow it at every moment.
 
 Frames: W (world, z up; the camera looks along +y) and O (object).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from analyze.geometry.rotations import matrix_from_vector
+from analyze.planning.followed_squares import FollowedSquare
 from analyze.types import Array
-from schemas.object_spec import ObjectSpec
 
 SPIN_WORLD = np.array([1.0, 0.0, 0.0])
 """direction of the spin in W: level and across the camera's view, as two hands of a person facing the camera
@@ -33,25 +34,24 @@ class Hold:
     seen: float
     """fraction of a turn in which the camera sees a tag"""
     facing: str
-    """name of the tag that faces the camera most at the release"""
+    """name of the tag or side that faces the camera most at the release"""
 
 
-def best_hold(spec: ObjectSpec, axis: Array) -> Hold:
+def best_hold(squares: Sequence[FollowedSquare], axis: Array) -> Hold:
     """Turn of an object with its spin axis along `SPIN_WORLD`, with a tag facing the camera.
 
     Args:
-        spec: markers of the object, at least one of known place.
+        squares: tags or printed sides of the object, at least one.
         axis: (3,) spin axis in O, unit vector.
     """
-    placed = [marker for marker in spec.marker if marker.T_object_marker is not None]
-    normals = np.array([np.array(marker.T_object_marker)[:3, 2] for marker in placed])
+    normals = np.array([square.T_object_square[:3, 2] for square in squares])
     level = _turned_to(axis, SPIN_WORLD)
     turns = 2 * np.pi * np.arange(PHASES) / PHASES
     rotations = np.array([matrix_from_vector(turn * SPIN_WORLD) @ level for turn in turns])
     towards = -(rotations @ normals.T)[:, 1]
     phase, tag = np.unravel_index(int(np.argmax(np.round(towards, 6))), towards.shape)
     seen = float((towards.max(axis=1) >= np.cos(STEEPEST_RAD)).mean())
-    return Hold(axis, rotations[int(phase)], seen, str(placed[int(tag)].name))
+    return Hold(axis, rotations[int(phase)], seen, squares[int(tag)].name)
 
 
 def _turned_to(direction: Array, target: Array) -> Array:

@@ -16,8 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from analyze.errors import PlanError
+from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.rotations import apply, inverse_transform
 from analyze.planning.examine import Bench
+from analyze.planning.followed_squares import FollowedSquare, side_squares, tag_squares
 from analyze.planning.hypothesis import Hypothesis
 from analyze.planning.toss_card import toss_card
 from analyze.planning.toss_hold import Hold, best_hold
@@ -33,7 +35,8 @@ LONGEST_S, WISHED_S, SHORTEST_S = 0.45, 0.40, 0.30
 FLIGHT_SPREAD_S = 0.05
 """a toss may be this much shorter or longer than the aim [s]"""
 LEAST_TAG_PX = 24.0
-"""smallest mean edge of a tag in flight in the image [px], below which it is lost in some frames"""
+"""smallest mean edge of a tag, or of the square on a printed side, in flight in the image [px]; below, it is
+lost in some frames"""
 MARGIN_M = 0.03
 """distance of the flight from the image's upper and lower end [m]: a hand does not throw more exactly"""
 LEAST_SEEN = 0.9
@@ -59,21 +62,24 @@ class FlightPlace:
     """time in the air [s]"""
     apex: Array
     """(3,) place of c at the top of the flight, in W [m]"""
-    tag_px: float
-    """mean edge of the smallest tag there, if it faces the camera [px]"""
+    square_px: float
+    """mean edge of the smallest tag or side's square there, if it faces the camera [px]"""
 
 
 def with_tosses(
-    plan: StrikePlan, spec: ObjectSpec, believed: Hypothesis, bench: Bench, count: int
+    plan: StrikePlan, spec: ObjectSpec, model: ObjectModel, believed: Hypothesis, bench: Bench, count: int
 ) -> StrikePlan:
     """Plan with `count` tosses added after its strikes, and `toss_notes` to its warnings; itself for none.
+
+    An object without tags is followed by its print, which the strikes show.
 
     Raises:
         PlanError: no toss can be planned.
     """
     if count == 0:
         return plan
-    tosses = plan_tosses(spec, believed, bench, count)
+    sides = () if spec.marker else side_squares(model)
+    tosses = plan_tosses(spec, believed, bench, count, sides)
     warnings = [*plan.warnings, *toss_notes(tosses)]
     return plan.model_copy(
         update={"tosses": tosses, "schema_version": TOSS_PLAN_VERSION, "warnings": warnings}
@@ -83,12 +89,13 @@ def with_tosses(
 def toss_notes(tosses: Sequence[PlannedToss]) -> list[str]:
     """Notes for the user on what tosses will determine less well; usually none."""
     notes: list[str] = []
-    flight = tosses[0].flight_s.target
+    flight, tags = tosses[0].flight_s.target, tosses[0].smallest_tag_px is not None
     if flight < WISHED_S:
         notes.append(
-            f"tosses last {flight:.2f} s, so that the image shows them whole with tags of "
-            f"{LEAST_TAG_PX:g} px; from {WISHED_S:g} s on they determine the inertia better: larger tags "
-            "allow that"
+            f"tosses last {flight:.2f} s, so that the image shows them whole with "
+            f"{f'tags of {LEAST_TAG_PX:g} px' if tags else 'sides large enough to be followed'}; from "
+            f"{WISHED_S:g} s on they determine the inertia better: "
+            f"{'larger tags allow' if tags else 'a lens of shorter focal length allows'} that"
         )
     if max(toss.principal_axis_angle_rad or 0.0 for toss in tosses) < NEAR_PRINCIPAL_RAD:
         notes.append(
@@ -98,7 +105,13 @@ def toss_notes(tosses: Sequence[PlannedToss]) -> list[str]:
     return notes
 
 
-def plan_tosses(spec: ObjectSpec, believed: Hypothesis, bench: Bench, count: int) -> list[PlannedToss]:
+def plan_tosses(
+    spec: ObjectSpec,
+    believed: Hypothesis,
+    bench: Bench,
+    count: int,
+    sides: Sequence[FollowedSquare] = (),
+) -> list[PlannedToss]:
     """Plan `count` tosses of an object; their ids are t1, t2, ...
 
     Args:
@@ -106,20 +119,22 @@ def plan_tosses(spec: ObjectSpec, believed: Hypothesis, bench: Bench, count: int
         believed: region of the centre of mass, and expected inertia.
         bench: camera, gravity and table.
         count: number of tosses.
+        sides: printed sides by which an object without tags is followed.
 
     Raises:
         PlanError: the camera cannot see a flight of SHORTEST_S with tags of LEAST_TAG_PX, or the tags are on
             too few sides of the object; the message has the remedy.
     """
     com = believed.region.centre
-    place = flight_place(spec, com, bench)
+    squares = sides or _placed_tags(spec)
+    place = flight_place(spec, com, bench, squares, by_print=bool(sides))
     least, most = max(SHORTEST_S, place.flight_s - FLIGHT_SPREAD_S), place.flight_s + FLIGHT_SPREAD_S
     found: list[PlannedToss] = []
     axes = spin_axes(believed.unit_inertia, count)
     for number, axis in enumerate(axes, 1):
-        hold = best_hold(spec, axis)
+        hold = best_hold(squares, axis)
         if hold.seen < LEAST_SEEN:
-            raise PlanError(_unseen(spec, hold))
+            raise PlanError(_unseen(spec, hold, by_print=bool(sides)))
         found.append(
             PlannedToss(
                 id=f"t{number}",
@@ -129,7 +144,7 @@ def plan_tosses(spec: ObjectSpec, believed: Hypothesis, bench: Bench, count: int
                 R_world_object=hold.R_world_object.tolist(),
                 p_world_apex=place.apex.tolist(),
                 principal_axis_angle_rad=float(principal_angles(believed.unit_inertia, axis[None])[0]),
-                smallest_tag_px=place.tag_px,
+                smallest_tag_px=None if sides else place.square_px,
                 card=toss_card(spec, hold, place.flight_s, place.apex, bench.gravity, TURNS_PER_S.target),
             )
         )
@@ -174,19 +189,26 @@ def principal_angles(inertia: Array, directions: Array) -> Array:
     return angles
 
 
-def flight_place(spec: ObjectSpec, com: Array, bench: Bench) -> FlightPlace:
+def flight_place(
+    spec: ObjectSpec, com: Array, bench: Bench, squares: Sequence[FollowedSquare], *, by_print: bool = False
+) -> FlightPlace:
     """Nearest place of the longest flight, up to LONGEST_S, that the image shows with readable tags.
 
+    Without tags up to WISHED_S.
+
     Args:
-        spec: markers of the object.
+        spec: object file, for messages.
         com: (3,) expected centre of mass in O [m].
         bench: camera, gravity and table.
+        squares: tags or printed sides of the object.
+        by_print: True for printed sides.
 
     Raises:
         PlanError: there is none of SHORTEST_S; the message has the remedy.
     """
-    reach = tag_reach(spec, com)
-    size = min(marker.size_m for marker in spec.marker if marker.T_object_marker is not None)
+    reach, size = squares_reach(squares, com), min(square.size for square in squares)
+    # Print needs a larger image more than a longer flight.
+    longest = WISHED_S if by_print else LONGEST_S
     camera = bench.camera
     focal = float(np.sqrt(camera.K[0, 0] * camera.K[1, 1]))
     best: FlightPlace | None = None
@@ -199,37 +221,38 @@ def flight_place(spec: ObjectSpec, com: Array, bench: Bench) -> FlightPlace:
         flight = float(np.sqrt(8 * max(rise, 0.0) / bench.gravity))
         if best is not None and flight <= best.flight_s:
             continue
-        flight = min(flight, LONGEST_S)
+        flight = min(flight, longest)
         rise = bench.gravity * flight**2 / 8
         top = np.array([middle[0], middle[1], low + MARGIN_M + reach + rise])
         best = FlightPlace(flight, top, focal * size / float(depth))
-        if flight == LONGEST_S:
+        if flight == longest:
             break
     if best is None or best.flight_s < SHORTEST_S:
-        raise PlanError(_no_place(spec, reach, size, best, focal, bench))
+        raise PlanError(_no_place(spec, reach, size, best, focal, bench, by_print=by_print))
     return best
 
 
-def tag_reach(spec: ObjectSpec, com: Array) -> float:
-    """Largest distance [m] of a tag's corner from c, (3,) in O [m]: in flight all tags lie within it.
+def squares_reach(squares: Sequence[FollowedSquare], com: Array) -> float:
+    """Largest distance [m] of a square's corner from c, (3,) in O [m]: in flight all lie within it."""
+    return max(float(np.linalg.norm(square.corners - com, axis=1).max()) for square in squares)
+
+
+def _placed_tags(spec: ObjectSpec) -> tuple[FollowedSquare, ...]:
+    """Tags of an object whose place on it is known.
 
     Raises:
-        PlanError: no marker's place on the object is known.
+        PlanError: there is none.
     """
-    far = 0.0
-    for marker in spec.marker:
-        if marker.T_object_marker is not None:
-            half = marker.size_m / 2
-            corners = np.array([[x * half, y * half, 0.0] for x in (-1, 1) for y in (-1, 1)])
-            there = apply(np.array(marker.T_object_marker), corners)
-            far = max(far, float(np.linalg.norm(there - com, axis=1).max()))
-    if far == 0.0:
+    squares = tag_squares(spec)
+    if not squares:
         raise PlanError(
-            f"{spec.name}: {'has no tags' if not spec.marker else 'no marker has a T_object_marker'}: tosses"
-            " need tags at known places: add a [[marker]] for each, and measure the places with `analyze"
-            " register`"
+            f"{spec.name}: has no tags: tosses alone need them at known places, or strikes in the same"
+            " session, which show the object's print: plan both (--strikes 9), or add a [[marker]] per tag"
+            if not spec.marker
+            else f"{spec.name}: no marker has a T_object_marker: tosses need tags at known places: measure"
+            " the places with `analyze register`"
         )
-    return far
+    return squares
 
 
 def _sight(
@@ -282,21 +305,29 @@ def _half_sphere(count: int, inertia: Array) -> Array:
 
 
 def _no_place(
-    spec: ObjectSpec, reach: float, size: float, best: FlightPlace | None, focal: float, bench: Bench
+    spec: ObjectSpec,
+    reach: float,
+    size: float,
+    best: FlightPlace | None,
+    focal: float,
+    bench: Bench,
+    *,
+    by_print: bool,
 ) -> str:
     """Message that no flight of SHORTEST_S fits the image with readable tags, with the size that would."""
     rise = bench.gravity * SHORTEST_S**2 / 8
     needed = rise + 2 * (reach + MARGIN_M)
     longest = "none" if best is None else f"{best.flight_s:.2f} s"
-    larger = _sufficient_size(reach, focal, bench)
+    larger = None if by_print else _sufficient_size(reach, focal, bench)
     remedy = (
         f"glue tags of {1000 * larger:.0f} mm on all sides"
         if larger is not None
         else "use a lens of shorter focal length, or lower the camera and level it"
     )
+    what = "the object's narrowest printed side" if by_print else "the smallest tag"
     return (
         f"{spec.name}: no toss fits the image: {SHORTEST_S:g} s in the air need {1000 * needed:.0f} mm of "
-        f"height in view; where the smallest tag ({1000 * size:.0f} mm) still has {LEAST_TAG_PX:g} px the "
+        f"height in view; where {what} ({1000 * size:.0f} mm) still has {LEAST_TAG_PX:g} px the "
         f"longest flight is {longest}: {remedy}"
     )
 
@@ -312,11 +343,13 @@ def _sufficient_size(reach: float, focal: float, bench: Bench) -> float | None:
     return None
 
 
-def _unseen(spec: ObjectSpec, hold: Hold) -> str:
-    """Message that the camera sees no tag in part of each turn."""
+def _unseen(spec: ObjectSpec, hold: Hold, *, by_print: bool) -> str:
+    """Message that the camera sees no tag, or no side to follow, in part of each turn."""
+    what = "a side wide enough to be followed" if by_print else "a tag"
+    remedy = "tags on all sides" if by_print else "tags on more sides of the object (all six are best)"
     return (
-        f"{spec.name}: a toss about the axis {_vector(hold.axis)} shows the camera a tag in only "
-        f"{100 * hold.seen:.0f} % of each turn: glue tags on more sides of the object (all six are best)"
+        f"{spec.name}: a toss about the axis {_vector(hold.axis)} shows the camera {what} in only "
+        f"{100 * hold.seen:.0f} % of each turn: glue {remedy}"
     )
 
 

@@ -160,7 +160,7 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = no
             prepared, note = prepared_for_mat(prepared)
             notes += [note] if note else []
         plan = _plan_of(prepared, files.sha256, options, progress)
-        plan = with_tosses(plan, files.spec, prepared.believed, prepared.bench, options.tosses)
+        plan = with_tosses(plan, files.spec, model, prepared.believed, prepared.bench, options.tosses)
     except PlanError as error:
         whole = PlanError(f"{error}{_toss_remedy(files.spec, model, bench, options)}")
         for note in model.warnings:

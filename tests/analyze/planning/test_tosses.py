@@ -14,6 +14,7 @@ from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.geometry.rotations import apply, inverse_transform
 from analyze.planning import view
 from analyze.planning.examine import Bench
+from analyze.planning.followed_squares import side_squares, tag_squares
 from analyze.planning.hypothesis import hypothesis
 from analyze.planning.impact import GRAVITY, StrikerModel
 from analyze.planning.toss_hold import SPIN_WORLD, best_hold
@@ -25,7 +26,7 @@ from analyze.planning.tosses import (
     plan_tosses,
     principal_angles,
     spin_axes,
-    tag_reach,
+    squares_reach,
     toss_notes,
 )
 from analyze.reading.object_file import read_object_files
@@ -80,7 +81,7 @@ def test_the_image_shows_the_whole_flight_with_readable_tags(name):
     com = hypothesis(model).region.centre
     tosses = plan_tosses(spec, hypothesis(model), BENCH, 3)
     assert [toss.id for toss in tosses] == ["t1", "t2", "t3"]
-    camera, reach = BENCH.camera, tag_reach(spec, com)
+    camera, reach = BENCH.camera, squares_reach(tag_squares(spec), com)
     for toss in tosses:
         assert SHORTEST_S <= toss.flight_s.target <= LONGEST_S
         rise = GRAVITY * toss.flight_s.target**2 / 8
@@ -119,16 +120,16 @@ def test_a_short_table_hides_less():
 def test_a_camera_sees_a_tag_in_every_phase_of_a_turn():
     _, spec = thing()
     for axis in spin_axes(hypothesis(thing()[0]).unit_inertia, 4):
-        hold = best_hold(spec, axis)
+        hold = best_hold(tag_squares(spec), axis)
         assert hold.seen == 1.0
         assert hold.R_world_object @ axis == pytest.approx(SPIN_WORLD, abs=1e-9)
-        marker = next(each for each in spec.marker if str(each.name) == hold.facing)
+        marker = next(each for each in spec.marker if f"tag {each.name}" == hold.facing)
         assert (hold.R_world_object @ np.array(marker.T_object_marker)[:3, 2])[1] < -0.7
 
 
 @pytest.mark.parametrize("axis", [[1.0, 0, 0], [-1.0, 0, 0], [0, 0, 1.0]])
 def test_an_axis_along_or_against_the_spin_can_be_held(axis):
-    hold = best_hold(thing()[1], np.array(axis))
+    hold = best_hold(tag_squares(thing()[1]), np.array(axis))
     assert hold.R_world_object @ axis == pytest.approx(SPIN_WORLD, abs=1e-9)
 
 
@@ -151,6 +152,30 @@ def test_tags_without_places_are_refused():
     bare = [marker.model_copy(update={"T_object_marker": None}) for marker in spec.marker]
     with pytest.raises(PlanError, match="no marker has a T_object_marker"):
         plan_tosses(spec.model_copy(update={"marker": bare}), hypothesis(model), BENCH, 1)
+
+
+def test_an_untagged_object_is_followed_by_its_sides():
+    model, spec = thing()
+    spec = spec.model_copy(update={"marker": []})
+    tosses = plan_tosses(spec, hypothesis(model), BENCH, 3, side_squares(model))
+    for toss in tosses:
+        assert toss.smallest_tag_px is None
+        assert SHORTEST_S <= toss.flight_s.target <= LONGEST_S
+        assert "side towards the camera" in toss.card
+    with pytest.raises(
+        PlanError, match="has no tags: tosses alone need them at known places, or strikes in the"
+    ):
+        plan_tosses(spec, hypothesis(model), BENCH, 3)
+
+
+def test_narrow_sides_are_not_counted_on():
+    model, _ = thing()
+    flat = dataclasses.replace(model, bounds=model.bounds * [1.0, 1.0, 0.02])
+    names = {square.name for square in side_squares(flat)}
+    assert names == {"the +z side", "the −z side"}
+    for square in side_squares(model):
+        inside = square.corners - square.T_object_square[:3, 3]
+        assert np.abs(inside @ square.T_object_square[:3, 2]).max() < 1e-12
 
 
 def test_a_body_whose_every_axis_is_principal_is_noted():
