@@ -13,7 +13,7 @@ OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(basename $(notdir $(OBJECT)))-$(SEED).mcap
 
-.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-console bench-honesty bench-contents bench-adaptive attack bench-world-sessions bench-batch bench-import bench-unplanned bench-world bench-world-strikes bench-devices bench-read-rate bench-late-stamps bench-servo-safety protos lock clean bench-contact bench-tosses bench-thrown bench-toss-time bench-import-tosses bench-mat bench-print bench-print-cards bench-print-traced
+.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-console bench-honesty bench-contents bench-adaptive attack bench-world-sessions bench-batch bench-import bench-unplanned bench-world bench-world-strikes bench-devices bench-read-rate bench-late-stamps bench-servo-safety protos lock clean bench-contact bench-tosses bench-thrown bench-toss-time bench-import-tosses bench-mat bench-print bench-print-cards bench-print-tosses bench-print-traced
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -257,6 +257,9 @@ bench-print: setup  ## strikes by the object's print beside the same strikes by 
 
 bench-print-cards: setup  ## strikes of untagged objects put down by another card: refused or not (CARDS="--objects carton") (ten minutes)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.print_cards $(CARDS)
+
+bench-print-tosses: setup  ## three tosses of untagged objects, followed by their print, beside the truth; bad tosses (PRINT_TOSSES="--seeds 2 --objects carton") (an hour)
+	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.print_tosses $(PRINT_TOSSES)
 
 bench-print-traced: setup  ## strikes by print in a path tracer's films (installs Mitsuba); (TRACED="--objects carton --styles photo") (hours)
 	@$(BIN)/uv pip install -q --python $(BIN)/python --no-deps --require-hashes -r tests/benchmarks/traced_films.lock

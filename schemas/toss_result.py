@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import enum
+from typing import ClassVar
 
 from pydantic import Field
 
-from schemas.document import Document
+from schemas.document import Document, SparseDocument
 from schemas.quantity import Quantity
+from schemas.strike_result import FollowedBy
 
 
 class TossVerdict(enum.Enum):
@@ -23,7 +25,7 @@ class TossVerdict(enum.Enum):
     NOT_FREE = "not_free"
     """no free flight in the images"""
     MARKER_LOST = "marker_lost"
-    """markers in view in too few frames of the flight"""
+    """markers, or known print, in view in too few frames of the flight"""
     MISFIT = "misfit"
     """does not move like one rigid body"""
     EXCLUDED = "excluded"
@@ -32,8 +34,10 @@ class TossVerdict(enum.Enum):
     """images cannot be used"""
 
 
-class TossResult(Document):
+class TossResult(SparseDocument):
     """One toss: verdict and reason, and how it flew."""
+
+    left_out: ClassVar[tuple[str, ...]] = ("followed_by",)
 
     id: str
     """id of the toss in the recording"""
@@ -51,7 +55,12 @@ class TossResult(Document):
         default=None, ge=0, description="angle between the spin and the nearest principal axis of inertia"
     )
     residual_px: float | None = Field(
-        default=None, ge=0, description="rms difference between the markers' corners and the fitted flight"
+        default=None,
+        ge=0,
+        description="rms difference between corners (of markers or views of the print) and fitted flight",
+    )
+    followed_by: FollowedBy = Field(
+        default=FollowedBy.TAGS, description="what the object was followed by: its tags, or its own print"
     )
 
 

@@ -69,7 +69,7 @@ _GUARD_FRAMES = 1
 
 
 def free_stretch(
-    views: TossViews, tags: TagSet, camera: CameraModel, prior: FlightPrior
+    views: TossViews, tags: TagSet, camera: CameraModel, prior: FlightPrior, coarseness: float = 1.0
 ) -> tuple[int, int] | None:
     """Longest stretch [start, stop) of frames in which the body's poses are those of a free fall.
 
@@ -78,6 +78,7 @@ def free_stretch(
         tags: the object's tags.
         camera: camera that took the frames.
         prior: body as known before.
+        coarseness: errors of a body's place by one tag, over the usual ones.
 
     Returns:
         Indices of the frames; None if there is no such stretch.
@@ -95,7 +96,8 @@ def free_stretch(
             continue
         if np.diff(time[part]).max() > _MAX_GAP_S:
             continue
-        if _fall_residual(time[part], R[part], origin[part], R_camera_world, prior) < _FREE_RATIO:
+        residual = _fall_residual(time[part], R[part], origin[part], R_camera_world, prior)
+        if residual < _FREE_RATIO * coarseness:
             free[part] = True
     return _longest(free, time)
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from analyze.flight.flight_model import COM, SHAPE
 from analyze.flight.free_stretch import free_stretch, grown_flight
-from analyze.flight.views import toss_views
+from analyze.flight.views import tag_set, toss_views
 from analyze.geometry.second_moments import unit_inertia, with_size
 from analyze.motion.body_motion import BodyMotion
+from schemas.strike_result import FollowedBy
 from schemas.toss_result import TossVerdict
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from analyze.flight.flight_model import ThrownBody, TossStart
     from analyze.flight.toss_fit import FlightPrior, TossFit
     from analyze.flight.views import TagSet, TossViews
-    from analyze.types import Array, CameraModel, MarkerTrack
+    from analyze.types import Array, CameraModel, Marker, MarkerTrack
 
 MIN_FLIGHT_S = 0.3
 """least time in free flight and in view [s]"""
@@ -32,6 +33,19 @@ MIN_SEEN_SHARE = 0.6
 """least share of the flight's frames in which a tag was found"""
 MAX_VARIANCE = 6.0
 """largest variance of the corners about the fitted flight, over their own, of one rigid body"""
+_COARSENESS = {FollowedBy.TAGS: (1.0,), FollowedBy.PRINT: (2.0, 6.0)}
+"""errors of a body's place by one view, over those by a tag, with which a flight is looked for, in order"""
+_UNSEEN = {
+    FollowedBy.TAGS: "no marker whose place is known was seen",
+    FollowedBy.PRINT: "the print that the strikes showed was not found: toss it so that these sides face the"
+    " camera, or glue tags on",
+}
+"""reasons why a toss shows nothing"""
+_MISPLACED = {
+    FollowedBy.TAGS: "a marker is not where the object file says",
+    FollowedBy.PRINT: "a strike was put down otherwise than on its card",
+}
+"""reasons of a misfit besides contents that move"""
 _DISTINCT = 0.03
 """least difference of two principal moments, as a fraction of the largest, for an axis of its own"""
 
@@ -42,6 +56,8 @@ class FittedFlight:
 
     views: TossViews
     """views of the flight's frames"""
+    tags: TagSet
+    """tags, or views of the object's print, by which it was followed, at their stated places"""
     start: TossStart
     """motion at the first frame"""
     shared: Array
@@ -50,6 +66,10 @@ class FittedFlight:
     """rms difference between corners and fitted flight [px]"""
     path: BodyMotion
     """poses of the object frame O in W at the frames' times"""
+
+    def tags_at(self, markers: Sequence[Marker]) -> TagSet:
+        """Tags at the present places of an object's markers; without any, the views of its print."""
+        return tag_set(markers) if markers else self.tags
 
 
 @dataclass(frozen=True)
@@ -71,6 +91,8 @@ class TossMotion:
     axis_angle: float | None = None
     """angle between the mean spin and the nearest principal axis of inertia [rad]; None if two principal
     moments are too alike"""
+    followed_by: FollowedBy = FollowedBy.TAGS
+    """what the object was followed by"""
 
     @property
     def flight_s(self) -> float | None:
@@ -85,30 +107,37 @@ def analyse_toss(
     tags: TagSet,
     body: ThrownBody,
     prior: FlightPrior,
+    followed_by: FollowedBy = FollowedBy.TAGS,
 ) -> TossMotion:
     """Find the free flight in the tracks of a toss, fit it and judge it.
 
     Args:
         ids: id of the toss in the recording, and of the planned toss.
-        tracks: tracks of the object's markers in the window of the toss.
+        tracks: tracks of the object's markers, or views of its print, in the window of the toss.
         camera: camera that took the frames.
-        tags: those of the object's markers whose place on it is known.
+        tags: those of the object's markers whose place on it is known, or the views.
         body: hull, mass and size of the body.
         prior: body as known before.
+        followed_by: kind of the tracks: tags or print.
     """
     views = toss_views(tracks, camera, tags)
     if not len(views):
-        return TossMotion(*ids, TossVerdict.MARKER_LOST, "no marker whose place is known was seen")
-    stretch = free_stretch(views, tags, camera, prior)
-    flown = None if stretch is None else grown_flight(body, prior, camera, tags, views, stretch)
+        return TossMotion(*ids, TossVerdict.MARKER_LOST, _UNSEEN[followed_by], followed_by=followed_by)
+    flown = None
+    for coarseness in _COARSENESS[followed_by]:
+        stretch = free_stretch(views, tags, camera, prior, coarseness)
+        flown = None if stretch is None else grown_flight(body, prior, camera, tags, views, stretch)
+        if flown is not None:
+            break
     if flown is None:
-        text = "nowhere do the markers move as in free fall: throw the object so that it flies in view"
-        return TossMotion(*ids, TossVerdict.NOT_FREE, text)
-    return _judged(ids, *flown)
+        seen = f"it was found in {len(views)} of {max(track.frames_total for track in tracks)} frames"
+        text = f"nowhere does the object move as in free fall ({seen}): throw it so that it flies in view"
+        return TossMotion(*ids, TossVerdict.NOT_FREE, text, followed_by=followed_by)
+    return replace(_judged(ids, *flown, _MISPLACED[followed_by]), followed_by=followed_by)
 
 
-def _judged(ids: tuple[str, str], views: TossViews, fit: TossFit) -> TossMotion:
-    """Verdict of a flight by its length, spin, views and residuals."""
+def _judged(ids: tuple[str, str], views: TossViews, fit: TossFit, misplaced: str) -> TossMotion:
+    """Verdict of a flight by its length, spin, views and residuals; `misplaced` is a reason of a misfit."""
     path = fit.model.paths(fit.x)[0]
     spin = path.spin.mean(axis=0)
     turns = float(np.linalg.norm(path.spin, axis=1).mean()) / (2 * np.pi)
@@ -126,13 +155,13 @@ def _judged(ids: tuple[str, str], views: TossViews, fit: TossFit) -> TossMotion:
     elif seen < MIN_SEEN_SHARE:
         verdict = TossVerdict.MARKER_LOST
         text = (
-            f"a marker was found in {100 * seen:.0f} % of the frames, {100 * MIN_SEEN_SHARE:.0f} are needed"
+            f"the object was found in {100 * seen:.0f} % of the frames, {100 * MIN_SEEN_SHARE:.0f} are needed"
         )
     elif fit.noise > MAX_VARIANCE:
         verdict = TossVerdict.MISFIT
         text = (
             f"corners are {np.sqrt(fit.noise):.1f} times their error off the flight of one rigid body:"
-            " something moves inside, or a marker is not where the object file says"
+            f" something moves inside, or {misplaced}"
         )
     elif angle is not None and angle < MIN_AXIS_ANGLE_RAD:
         verdict = TossVerdict.PRINCIPAL_AXIS
@@ -142,6 +171,7 @@ def _judged(ids: tuple[str, str], views: TossViews, fit: TossFit) -> TossMotion:
         )
     flight = FittedFlight(
         views,
+        fit.model.tags,
         fit.starts()[0],
         fit.x[: fit.model.shared],
         float(np.sqrt(np.mean(fit.residual**2))),

@@ -185,7 +185,9 @@ def _result(model: FlightModel, prior: FlightPrior, found: Minimum, corner_sd: A
     own_freedom = model.count - model.shared + 5
     inside = max(0.5, float(np.mean(found.weight[:rows] > 0.999)))
     variance = float(np.sum(z**2)) / max(rows - own_freedom, 1) / inside**2
-    noise = max(1.0, variance) * correlation_factor(_by_corner(model, z))
+    correlation = correlation_factor(_by_corner(model, z))
+    # Where the stated variance holds errors that neighbouring frames share, it may exceed that of the noise.
+    noise = max(1.0, variance * correlation if model.tags.shared_errors else max(1.0, variance) * correlation)
     by = found.jacobian[:rows] * (np.sqrt(found.weight[:rows]) / corner_sd)[:, None]
     information = by.T @ by / noise
     information[: model.shared, : model.shared] += np.diag(sd**-2)

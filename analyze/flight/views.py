@@ -28,6 +28,8 @@ class TagSet:
     """(k,) 1 sigma of a tag's centre, along each axis [m]"""
     turn_sd: Array
     """(k,) 1 sigma of a tag's turn, about each axis [rad]"""
+    shared_errors: bool = False
+    """True if the sd of the corners includes errors that neighbouring frames share, as of views of print"""
 
     @property
     def centres(self) -> Array:
@@ -79,14 +81,20 @@ class TossViews:
         )
 
 
-def tag_set(markers: Sequence[Marker]) -> TagSet:
-    """Tags of those markers whose place on the object is known."""
+def tag_set(markers: Sequence[Marker], *, shared_errors: bool = False) -> TagSet:
+    """Tags of those markers whose place on the object is known.
+
+    Args:
+        markers: markers of the object, or squares that stand for views of its print.
+        shared_errors: True if the sd of the corners includes errors that neighbouring frames share.
+    """
     placed = [(marker, pose) for marker in markers if (pose := marker.T_object_marker) is not None]
     return TagSet(
         tuple(marker.id for marker, _ in placed),
         np.array([marker_corners(marker.size) @ pose[:3, :3].T + pose[:3, 3] for marker, pose in placed]),
         np.array([marker.place_sd for marker, _ in placed]),
         np.array([marker.turn_sd for marker, _ in placed]),
+        shared_errors,
     )
 
 

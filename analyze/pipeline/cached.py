@@ -27,6 +27,7 @@ from schemas.wording import counted
 if TYPE_CHECKING:
     from analyze.cache.results import ResultCache
     from analyze.pipeline.evidence import RecordingHead, StrikeReader, StrikeSource, StruckObject, TossReader
+    from analyze.pipeline.toss_marks import TossMarks
     from analyze.types import Marker
     from schemas.proto import percuss_pb2 as pb
 
@@ -136,20 +137,20 @@ def _read_toss(
     cache: ResultCache,
     recording: StrikeSource,
     struck: StruckObject,
-    markers: list[Marker],
+    marks: TossMarks,
     record: pb.TossRecord,
 ) -> TossMotion:
-    inputs = _inputs_of_reading(recording, struck, markers, record)
+    inputs = _inputs_of_reading(recording, struck, marks, record)
     if inputs is None:
-        return read_toss(recording, struck, markers, record)
+        return read_toss(recording, struck, marks, record)
     label = f"toss {record.toss_id} of {recording.path.name}"
-    return cache.get(TossMotion, inputs, label, lambda: read_toss(recording, struck, markers, record))
+    return cache.get(TossMotion, inputs, label, lambda: read_toss(recording, struck, marks, record))
 
 
 def _inputs_of_reading(
     recording: StrikeSource,
     struck: StruckObject,
-    markers: list[Marker],
+    followed: list[Marker] | TossMarks,
     record: pb.StrikeRecord | pb.TossRecord,
 ) -> tuple[object, ...] | None:
     """Values that the reading of one strike or toss depends on; together they are its key in the cache.
@@ -173,7 +174,7 @@ def _inputs_of_reading(
         struck.spec,
         struck.sha256,
         struck.plan,
-        markers,
+        followed,
         record.SerializeToString(deterministic=True).hex(),
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
@@ -12,12 +12,15 @@ from analyze.flight.toss import TossMotion
 from analyze.geometry.bodies import Body
 from analyze.geometry.object_model import ObjectModel
 from analyze.motion.next_line import carried_strike
+from analyze.pipeline.toss_marks import TossMarks
+from analyze.tracking.print_likeness import RestView
 from analyze.tracking.track import TrackingReport
 from analyze.types import ImageFrame, Marker, TipMotion
 from schemas.object_spec import ObjectSpec
 from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import SessionManifest
 from schemas.strike_plan import PlannedStrike, StrikePlan
+from schemas.strike_result import USABLE_VERDICTS
 
 
 @dataclass(frozen=True)
@@ -146,8 +149,19 @@ class StrikeReading:
     """frames lost within the strike's window"""
 
 
-TossReader = Callable[["StrikeSource", "StruckObject", list[Marker], pb.TossRecord], TossMotion]
-"""function that reads one toss: recording, object, markers, and the recording's entry of it"""
+def usable_rest_views(readings: Iterable[StrikeReading]) -> dict[str, RestView]:
+    """Untagged object at rest by strike id, before each strike that can be used."""
+    return {
+        reading.record.strike_id: reading.report.rest_view
+        for reading in readings
+        if reading.motion.verdict in USABLE_VERDICTS
+        and reading.report is not None
+        and reading.report.rest_view is not None
+    }
+
+
+TossReader = Callable[["StrikeSource", "StruckObject", TossMarks, pb.TossRecord], TossMotion]
+"""function that reads one toss: recording, object, marks to follow, and the recording's entry of it"""
 StrikeReader = Callable[[StrikeSource, StruckObject, list[Marker], pb.StrikeRecord], StrikeReading]
 """function that reads one strike: recording, object, markers to track, and the recording's entry of it"""
 

@@ -29,9 +29,11 @@ from analyze.pipeline.evidence import (
     StrikeSource,
     StruckObject,
     TossReader,
+    usable_rest_views,
 )
 from analyze.pipeline.object_markers import placed_markers
 from analyze.pipeline.sections import next_face_angle, rolling_outline, scanned_edge_sd, strike_supports
+from analyze.pipeline.toss_marks import toss_marks
 from analyze.pipeline.tosses import read_toss
 from analyze.planning.corrected import corrected_plan
 from analyze.progress import Progress
@@ -121,10 +123,12 @@ def read_evidence(
                 progress(f"strike {record.strike_id}", done, len(head.strike_ids))
             readings.append((reader or read_strike)(recording, struck, markers, record))
         tosses: list[TossMotion] = []
+        views = usable_rest_views(readings) if recording.tosses else {}
+        marks = toss_marks(markers, views, struck.model)
         for record in recording.tosses:
             if progress is not None:
                 progress(f"toss {record.toss_id}", len(head.strike_ids), len(head.strike_ids))
-            tosses.append((toss_reader or read_toss)(recording, struck, markers, record))
+            tosses.append((toss_reader or read_toss)(recording, struck, marks, record))
         return replace(evidence_from_readings(head, struck, readings), tosses=tuple(tosses))
 
 

@@ -18,8 +18,10 @@ from analyze.flight.toss_fit import FlightPrior
 from analyze.flight.views import tag_set
 from analyze.geometry.second_moments import log_cholesky, scale_free
 from analyze.tracking.camera_model import camera_from_spec
+from analyze.tracking.print_flight import PrintFlight
 from analyze.tracking.track import MarkerFollower
 from analyze.types import FlightEstimate
+from schemas.strike_result import FollowedBy
 from schemas.toss_result import TossVerdict
 
 if TYPE_CHECKING:
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
     from analyze.estimation.joint import JointSolution
     from analyze.geometry.object_model import ObjectModel
     from analyze.pipeline.evidence import Evidence, StrikeSource, StruckObject
+    from analyze.pipeline.toss_marks import TossMarks
     from analyze.types import Array, CameraModel, ImageFrame, Marker
     from schemas.object_spec import ObjectSpec
     from schemas.proto import percuss_pb2 as pb
@@ -41,6 +44,13 @@ LINE_TIME_ERROR = 0.05
 """1 sigma of a stated delay from image row to row, as a share of it"""
 MAX_DISAGREEMENT = 30.0
 """largest chi^2 of eight numbers (c and shape of the tensor) between flights and strikes: one in 5 000"""
+
+
+NO_PRINT = (
+    "the object has no tags, and no good strike of this recording shows enough of its print: strike it in the"
+    " same session, or glue tags on"
+)
+"""reason why a toss without tags cannot be read"""
 
 
 @dataclass(frozen=True)
@@ -67,14 +77,17 @@ class FlightAnswer:
 
 
 def read_toss(
-    recording: StrikeSource, struck: StruckObject, markers: list[Marker], record: pb.TossRecord
+    recording: StrikeSource,
+    struck: StruckObject,
+    marks: TossMarks,
+    record: pb.TossRecord,
 ) -> TossMotion:
-    """Track the markers in the window of a toss, find its free flight, and judge it.
+    """Track the object in the window of a toss, find its free flight, and judge it.
 
     Args:
         recording: complete recording, or one still being written.
         struck: object, shape and plan.
-        markers: markers of the object; those without a place on it are not used.
+        marks: what the object is followed by.
         record: the recording's entry of the toss.
 
     Raises:
@@ -84,7 +97,7 @@ def read_toss(
         (record.toss_id, record.plan_toss_id),
         recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns),
         camera_from_spec(recording.manifest.cameras[0].calibration),
-        markers,
+        marks,
         *thrown_body(struck.spec, struck.model, recording.manifest),
     )
 
@@ -93,20 +106,27 @@ def toss_in_frames(
     ids: tuple[str, str],
     frames: Iterable[ImageFrame],
     camera: CameraModel,
-    markers: list[Marker],
+    marks: TossMarks,
     body: ThrownBody,
     prior: FlightPrior,
 ) -> TossMotion:
-    """Track the markers in the frames of a toss, find its free flight, and judge it.
+    """Track the object in the frames of a toss, find its free flight, and judge it.
 
     Args:
         ids: id of the toss in the recording, and of the planned toss.
         frames: frames of the toss's window.
         camera: camera that took them.
-        markers: markers of the object; those without a place on it are not used.
+        marks: what the object is followed by.
         body: hull, mass and size of the body.
         prior: body as known before.
     """
+    markers = marks.markers
+    if not markers:
+        if not marks.views:
+            return TossMotion(*ids, TossVerdict.UNREADABLE, NO_PRINT, followed_by=FollowedBy.PRINT)
+        flight = PrintFlight(camera, marks.views)
+        tracks, tags = flight.tracks(frames), tag_set(flight.markers, shared_errors=True)
+        return analyse_toss(ids, tracks, camera, tags, body, prior, FollowedBy.PRINT)
     follower = MarkerFollower(camera, markers, rescan_every=RESCAN_FRAMES, rigid=True)
     try:
         for frame in frames:
@@ -162,7 +182,7 @@ def answer_of_flights(
 
     Args:
         evidence: tosses of all recordings, with object and shape.
-        markers: markers of the object with their places.
+        markers: markers of the object with their places; without any, flights have views of its print.
         exclude: ids of tosses to leave out.
     """
     good = [
@@ -180,7 +200,9 @@ def answer_of_flights(
         manifest = evidence.recordings[number].manifest
         body, prior = thrown_body(evidence.spec, evidence.model, manifest)
         camera = camera_from_spec(manifest.cameras[0].calibration)
-        fits.append(estimate_flights(tosses, body, prior, camera, tag_set(markers)))
+        (flight,) = [toss.flight for toss in tosses if toss.flight is not None][:1]
+        tags = flight.tags_at(markers)
+        fits.append(estimate_flights(tosses, body, prior, camera, tags))
     misplaced = {name: distance for fit in fits for name, distance in fit.misplaced.items()}
     drag = np.mean([fit.drag for fit in fits], axis=0)
     return FlightAnswer(_averaged([fit.estimate for fit in fits]), drag, misplaced)

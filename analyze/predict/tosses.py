@@ -17,7 +17,6 @@ from analyze.errors import EstimationError
 from analyze.export.body import ExportBody
 from analyze.flight.launch import MIN_FRAMES, fitted_launch
 from analyze.flight.tracked_attitude import tracked_attitudes
-from analyze.flight.views import tag_set
 from analyze.geometry.rotations import angle_between
 from analyze.pipeline.object_markers import placed_markers
 from analyze.pipeline.solved import solve_strikes
@@ -107,7 +106,7 @@ def predict_toss(
         raise EstimationError("it has no free flight: choose another toss")
     manifest = evidence.recordings[evidence.recorded_in.get(toss.toss_id, 0)].manifest
     camera = camera_from_spec(manifest.cameras[0].calibration)
-    tags = tag_set(placed_markers(evidence.spec))
+    tags = toss.flight.tags_at(placed_markers(evidence.spec))
     track = tracked_attitudes(toss.flight.views, toss.flight.path, tags, camera, MAX_ATTITUDE_SD)
     count = int(np.searchsorted(track.time, START_S))
     if count < MIN_FRAMES or len(track) - count < _MIN_COMPARED:

@@ -219,15 +219,18 @@ class Sender:
         Damage of the recording is added to `damage`; a toss that cannot be read has no page.
         """
         from analyze.pipeline.cached import cached_toss_reader
+        from analyze.pipeline.evidence import usable_rest_views
+        from analyze.pipeline.toss_marks import toss_marks
         from analyze.replay.toss_scene import flight_span, send_toss
 
         struck, body = self._object(recording) if recording.tosses else (None, None)
         if struck is None or body is None:
             return
         read_toss = cached_toss_reader(self._options.cache)
+        marks = toss_marks(list(body.markers), usable_rest_views(self._readings), body.model)
         for record in recording.tosses:
             try:
-                toss = read_toss(recording, struck, list(body.markers), record)
+                toss = read_toss(recording, struck, marks, record)
             except RecordingError as error:
                 self.damage.append(str(error))
                 continue

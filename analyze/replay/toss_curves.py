@@ -7,17 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from analyze.flight.first_guess import body_poses
 from analyze.flight.flight_model import COM, FlightModel
 from analyze.motion.body_motion import BodyMotion
 from analyze.tracking.camera_model import distort
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from analyze.flight.flight_model import ThrownBody
     from analyze.flight.toss import FittedFlight
-    from analyze.flight.views import TagSet, TossViews
-    from analyze.types import Array, CameraModel, IntArray, Marker
+    from analyze.types import Array, CameraModel, IntArray
 
 
 @dataclass(frozen=True)
@@ -48,25 +46,21 @@ class TossCurves:
     """(m,) names of the views' tags"""
 
 
-def toss_curves(
-    flight: FittedFlight, body: ThrownBody, camera: CameraModel, tags: TagSet, markers: Sequence[Marker]
-) -> TossCurves:
+def toss_curves(flight: FittedFlight, body: ThrownBody, camera: CameraModel) -> TossCurves:
     """Curves of a fitted flight.
 
     Args:
         flight: flight with its views and fit.
         body: hull, mass and size of the body, as in the fit.
         camera: camera that took the frames.
-        tags: the tags of the fit.
-        markers: markers of the object.
     """
-    views = flight.views
+    views, tags = flight.views, flight.tags
     model = FlightModel(body, camera, tags, [(views, flight.start)])
     x = np.concatenate([flight.shared, flight.start.numbers])
     expected = model(x)[0].reshape(-1, 4, 2)
     (path,) = model.paths(x)
     residual = np.sqrt(np.mean(np.sum((views.corners - expected) ** 2, axis=2), axis=1))
-    seen = _seen_attitudes(views, camera, tags, markers)
+    seen = body_poses(views, tags, camera)[0]
     return TossCurves(
         views.time_ns,
         path.place,
@@ -80,18 +74,3 @@ def toss_curves(
         residual,
         tuple(tags.names[i] for i in views.tag),
     )
-
-
-def _seen_attitudes(views: TossViews, camera: CameraModel, tags: TagSet, markers: Sequence[Marker]) -> Array:
-    """Attitudes (n, 3, 3) of O in W by the largest tag of each frame, without the fit."""
-    poses = {marker.id: marker.T_object_marker for marker in markers}
-    turns = np.array([_rotation(poses[name]) for name in tags.names])
-    sides = np.linalg.norm(views.corners - np.roll(views.corners, 1, axis=1), axis=2).min(axis=1)
-    best = np.array([np.flatnonzero(views.frame == i)[np.argmax(sides[views.frame == i])]
-                     for i in range(len(views))])  # fmt: skip
-    seen = views.R_camera_tag[best] @ turns[views.tag[best]].transpose(0, 2, 1)
-    return camera.T_world_camera[:3, :3] @ seen
-
-
-def _rotation(pose: Array | None) -> Array:
-    return np.eye(3) if pose is None else pose[:3, :3]

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import rerun as rr
 
-from analyze.flight.views import tag_set
 from analyze.geometry.rotations import wxyz_from_matrix
 from analyze.pipeline.tosses import thrown_body
 from analyze.replay import overlay
@@ -18,6 +17,7 @@ from analyze.replay.strike_scene import send_outlines
 from analyze.replay.timelines import toss_path
 from analyze.replay.toss_curves import toss_curves
 from analyze.replay.words import toss_text
+from analyze.tracking.printed_view import VIEW_PREFIX
 
 if TYPE_CHECKING:
     from analyze.flight.toss import TossMotion
@@ -62,8 +62,8 @@ def send_toss(
     timelines.log_static(f"{root}/text", rr.TextDocument(toss_text(toss), media_type="text/markdown"))
     if toss.flight is None:
         return TossPage(toss.toss_id, verdict)
-    markers, (thrown, _) = list(body.markers), thrown_body(struck.spec, struck.model, manifest)
-    curves = toss_curves(toss.flight, thrown, body.camera, tag_set(markers), markers)
+    thrown, _ = thrown_body(struck.spec, struck.model, manifest)
+    curves = toss_curves(toss.flight, thrown, body.camera)
     zero_ns = int(curves.time_ns[0])
     order = np.argsort(curves.view_ns, kind="stable")
     send_outlines(timelines, f"{root}/camera", zero_ns, curves.view_ns[order], curves.corners_px[order])
@@ -97,9 +97,9 @@ def _over_image(timelines: Timelines, root: str, zero_ns: int, curves: TossCurve
 
 
 def _rates(timelines: Timelines, root: str, zero_ns: int, curves: TossCurves) -> None:
-    """Angular velocity along the object's axes: fitted as lines, by single tags as points [turns/s]."""
+    """Angular velocity along the object's axes: fitted as lines, by single frames as points [turns/s]."""
     for axis, (name, colour) in enumerate(AXES):
-        style = rr.SeriesPoints(colors=[colour], names=[f"{name}, single tags"], marker_sizes=[2.0])
+        style = rr.SeriesPoints(colors=[colour], names=[f"{name}, single frames"], marker_sizes=[2.0])
         seen = curves.seen_rate[:, axis] / (2 * np.pi)
         timelines.send_curve(f"{root}/rate/{name}_seen", curves.seen_ns, zero_ns, seen, style)
         line = rr.SeriesLines(colors=[colour], names=[f"{name}, fitted"], widths=[2.0])
@@ -113,10 +113,10 @@ def _residuals(timelines: Timelines, root: str, zero_ns: int, curves: TossCurves
     cycle = (PURPLE, ORANGE, SKY, GREEN, BLUE, RED)
     for number, name in enumerate(names):
         index = np.array([i for i, each in enumerate(curves.tag) if each == name])
-        style = rr.SeriesPoints(
-            colors=[cycle[number % len(cycle)]], names=[f"tag {name}"], marker_sizes=[2.5]
-        )
-        path = f"{root}/residual{rr.new_entity_path([f'tag {name}'])}"
+        # Views of the object's print are named by their strike.
+        label = name if str(name).startswith(VIEW_PREFIX) else f"tag {name}"
+        style = rr.SeriesPoints(colors=[cycle[number % len(cycle)]], names=[label], marker_sizes=[2.5])
+        path = f"{root}/residual{rr.new_entity_path([label])}"
         timelines.send_curve(path, curves.view_ns[index], zero_ns, curves.residual_px[index], style)
 
 

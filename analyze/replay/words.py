@@ -144,7 +144,7 @@ def toss_text(toss: TossMotion) -> str:
                 f"- spins {np.degrees(toss.axis_angle):.0f}° off the nearest principal axis of inertia"
             )
         lines.append(
-            f"- residual {toss.flight.residual_px:.2f} px rms between the tags' corners and the fitted flight"
+            f"- residual {toss.flight.residual_px:.2f} px rms between the corners and the fitted flight"
         )
     return "\n".join(lines)
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from analyze.result.digits import value_text
 from analyze.types import TENSOR_ENTRIES, tensor_entry_name
+from schemas.strike_result import FollowedBy
 
 if TYPE_CHECKING:
     from schemas.quantity import Quantity
@@ -52,7 +53,9 @@ def toss_lines(result: Result) -> list[str]:
         return []
     places = ", ".join(f"{1e3 * float(each):.2f}" for each in com.value if not isinstance(each, list))
     half = 1.96e3 * max(map(float, com.sd))
-    lines = [f"tosses alone: centre of mass ({places}) mm, to {half:.2f} mm or better (95 %)"]
+    by_print = any(toss.followed_by is FollowedBy.PRINT for toss in flight.tosses)
+    alone = "tosses alone, followed by the object's own print" if by_print else "tosses alone"
+    lines = [f"{alone}: centre of mass ({places}) mm, to {half:.2f} mm or better (95 %)"]
     if flight.used and flight.disagreement is not None:
         lines.append(
             "tosses and strikes agree on the centre of mass and on the ratios of the moments"

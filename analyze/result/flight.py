@@ -10,6 +10,7 @@ from analyze.geometry.second_moments import symmetric_entries, unit_inertia, wit
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.result.quantities import intervals95, quantity
 from analyze.result.warning_text import names_text, warning
+from analyze.tracking.printed_view import VIEW_PREFIX
 from schemas.quantity import Quantity
 from schemas.result import ResultWarning, WarningCode
 from schemas.toss_result import FlightResult, TossResult, TossVerdict
@@ -43,6 +44,7 @@ def flight_document(estimate: Estimate) -> FlightResult | None:
             turns_per_s=toss.turns_per_s,
             principal_axis_angle_rad=toss.axis_angle,
             residual_px=None if toss.flight is None else toss.flight.residual_px,
+            followed_by=toss.followed_by,
         )
         for toss in tosses
     ]
@@ -116,8 +118,13 @@ def flight_warnings(estimate: Estimate) -> list[ResultWarning]:
     found: list[ResultWarning] = []
     if answer is not None and answer.misplaced:
         places = names_text([f"{name} by {1e3 * off:.1f} mm" for name, off in answer.misplaced.items()])
-        text = f"tosses find markers off their places in the object file: {places}; correct them"
-        found.append(warning(WarningCode.MARKER_MOVED, f"{text} (`analyze register`)"))
+        if any(str(name).startswith(VIEW_PREFIX) for name in answer.misplaced):
+            text = f"tosses find the print elsewhere than strikes showed it: {places}"
+            remedy = "was the object put down as its cards show?"
+            found.append(warning(WarningCode.MARKER_MOVED, f"{text}; {remedy}"))
+        else:
+            text = f"tosses find markers off their places in the object file: {places}; correct them"
+            found.append(warning(WarningCode.MARKER_MOVED, f"{text} (`analyze register`)"))
     bad = [toss for toss in estimate.evidence.tosses if toss.verdict is not TossVerdict.GOOD]
     if not bad:
         return found

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 LEAST_NOISE = 0.6
 """least robust scale of the residuals [grey]"""
+_TUKEY = 5.0
+"""residual over its robust scale at which a pixel loses its weight"""
 _WAVE_PX, _MOST_WAVES = 90.0, 4
 """least half wavelength of the light over a face [px], and most terms along and across"""
 _RIDGE = 1e-9
@@ -99,6 +101,11 @@ class Light:
 def robust_scale(off: Array) -> float:
     """Robust scale of residuals (n,) of zero mean [grey], at least `LEAST_NOISE`."""
     return max(1.4826 * float(np.median(np.abs(off))), LEAST_NOISE)
+
+
+def tukey_weights(off: Array, scale: float) -> Array:
+    """Weights (n,) of residuals: 1 at 0, 0 from `_TUKEY` scales on (Beaton & Tukey 1974)."""
+    return np.clip(1.0 - (off / (_TUKEY * scale)) ** 2, 0.0, None) ** 2
 
 
 def light_waves(pixels: Array, face: IntArray) -> Array:

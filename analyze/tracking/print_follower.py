@@ -25,6 +25,7 @@ from analyze.tracking.print_equations import (
     contrast,
     light_terms,
     robust_scale,
+    tukey_weights,
 )
 from analyze.tracking.print_template import BLURS_PX, BlurredPart, by_rest_pose
 from analyze.tracking.rolling_shutter import row_delay_s
@@ -48,8 +49,6 @@ _CONVERGED = 0.25
 """step over its standard deviation below which a level ends"""
 _LARGEST_STEP = np.array([0.05, 0.01, 0.02, 0.004, 0.004, 0.004])
 """largest change of the unknowns in one step [rad, m]"""
-_TUKEY = 5.0
-"""residual over its robust scale at which a pixel loses its weight"""
 CORRELATED = (20.0, 3.0)
 """number of points that count as one, as the blur correlates their noise, on each level"""
 _SEARCH_BELOW = 0.8
@@ -265,17 +264,17 @@ class PrintFollower:
             grey = view.at(pixels[seen], level)
             if light is None:
                 off = self._even_light(level, seen).residual(grey)
-                light = Light(self._light[level][seen], _tukey(off, robust_scale(off)))
+                light = Light(self._light[level][seen], tukey_weights(off, robust_scale(off)))
                 off = light.residual(grey)
                 scale = robust_scale(off)
-                weight = _tukey(off, scale)
+                weight = tukey_weights(off, scale)
                 unit = 1.0 / (inflation * scale) ** 2 / CORRELATED[level]
                 system = PrintEquations.of(
                     self._design(placed, self._slope[level])[seen], light, unit, _PRIOR
                 )
             else:
                 off = light.residual(grey)
-                weight = _tukey(off, robust_scale(off))
+                weight = tukey_weights(off, robust_scale(off))
             if system is None:
                 return _open(start, pixels)
             step, shared = system.step(unit * weight * off, x)
@@ -382,11 +381,6 @@ class PrintFollower:
         rest = np.linalg.solve(information[1:, 1:] + prior[1:, 1:], information[1:, THETA])
         left = print_ - float(information[THETA, 1:] @ rest)
         return 1.0 / math.sqrt(left) if left > 0.0 else math.inf
-
-
-def _tukey(off: Array, scale: float) -> Array:
-    """Weights (n,) of residuals: 1 at 0, 0 from `_TUKEY` scales on (Beaton & Tukey 1974)."""
-    return np.clip(1.0 - (off / (_TUKEY * scale)) ** 2, 0.0, None) ** 2
 
 
 def _open(start: Array, pixels: Array) -> PrintPose:

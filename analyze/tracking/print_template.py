@@ -62,7 +62,7 @@ _STEEPEST = 0.2
 
 @dataclass(frozen=True)
 class PrintTemplate:
-    """Points of the surface and their grey values at rest, for both levels of blur."""
+    """Points of the surface and their grey values at rest, for all levels of blur."""
 
     points: Array
     """(m, 3) points at rest in W [m]"""
@@ -139,10 +139,14 @@ class BlurredPart:
         images: removal of the camera's distortion.
         image: (h, w) the camera's image.
         box: rows and columns of the part.
+        blurs: 1 sigma of the blur of the levels [px].
     """
 
-    def __init__(self, images: IdealImages, image: NDArray[np.uint8], box: Box) -> None:
+    def __init__(
+        self, images: IdealImages, image: NDArray[np.uint8], box: Box, blurs: Sequence[float] = BLURS_PX
+    ) -> None:
         """Take the part."""
+        self.blurs = blurs
         self._ideal = images.ideal(image, box)
         self._origin = np.array([box[1].start, box[0].start])
         self._levels: dict[int, NDArray[np.float32]] = {}
@@ -150,7 +154,7 @@ class BlurredPart:
     def at(self, pixels: Array, level: int) -> Array:
         """Grey values (n,) at (n, 2) [px] of the whole image; pixels outside take the nearest value."""
         if level not in self._levels:
-            self._levels[level] = blurred(self._ideal, BLURS_PX[level])
+            self._levels[level] = blurred(self._ideal, self.blurs[level])
         inner = (pixels - self._origin).astype(np.float32)
         found = cv2.remap(
             self._levels[level], inner[:, :1], inner[:, 1:], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
@@ -165,6 +169,7 @@ def print_template(
     triangles: IntArray,
     pose: tuple[Array, Array],
     points: int = POINTS,
+    blurs: Sequence[float] = BLURS_PX,
 ) -> PrintTemplate:
     """Template of an object at rest, from the images there.
 
@@ -178,47 +183,45 @@ def print_template(
         triangles: (t, 3) indices of its triangles, counter-clockwise from outside.
         pose: rotation (3, 3) and place (3,) [m] of O in W.
         points: number of points to take.
+        blurs: 1 sigma of the blur of the levels [px], from coarse to fine.
     """
     placed = vertices @ pose[0].T + pose[1]
     seen, faces = visible_triangles(camera, placed, triangles)
-    box = _around(seen)
+    box = _around(seen, blurs[0])
     seen = seen[box]
     top, left = box[0].start, box[1].start
     part = [image[box] for image in rest]
     halves = [np.mean(part[::2], axis=0), np.mean(part[1::2], axis=0)]
     distance = float(np.linalg.norm(placed.mean(axis=0) - camera.T_world_camera[:3, 3]))
     border = max(_LEAST_BORDER_PX, round(BORDER_M * camera.K[0, 0] / distance))
-    steep = np.hypot(*_gradients(blurred(halves[0], BLURS_PX[-1])))
+    steep = np.hypot(*_gradients(blurred(halves[0], blurs[-1])))
     rows, columns = _spread(steep, _inner(seen, faces, border), points)
     surely_on = _inner(seen, faces, 2 * border)[rows, columns]
     corner = placed[triangles[seen[rows, columns]]]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    pixels = np.column_stack([columns + left, rows + top, np.ones(len(rows))])
-    ray = pixels @ np.linalg.inv(camera.K).T @ camera.T_world_camera[:3, :3].T
-    eye = camera.T_world_camera[:3, 3]
-    depth = np.sum((corner[:, 0] - eye) * normal, axis=1) / np.sum(ray * normal, axis=1)
-    at = eye + depth[:, None] * ray
+    pixels = np.column_stack([columns + left, rows + top])
+    at = points_on_planes(camera, pixels, corner[:, 0], normal)
     R, t = world_to_camera(camera)
     by_point = project_jacobian(camera, at @ R.T + t) @ R
-    levels = [[blurred(half, blur) for blur in BLURS_PX] for half in halves]
+    levels = [[blurred(half, blur) for blur in blurs] for half in halves]
     grey = 0.5 * np.array(
         [one[rows, columns] + other[rows, columns] for one, other in zip(*levels, strict=True)]
     )
-    slope, by_pixel = np.empty((2, len(BLURS_PX), len(rows), 3)), []
-    for half, level in np.ndindex(2, len(BLURS_PX)):
+    slope, by_pixel = np.empty((2, len(blurs), len(rows), 3)), []
+    for half, level in np.ndindex(2, len(blurs)):
         by_x, by_y = _gradients(levels[half][level])
         by_pixel.append(np.column_stack([by_x[rows, columns], by_y[rows, columns]]))
         along = np.einsum("ni,nij->nj", by_pixel[-1], by_point)
         slope[half, level] = along - np.sum(along * normal, axis=1, keepdims=True) * normal
-    common = np.sum(by_pixel[len(BLURS_PX) - 1] * by_pixel[-1], axis=1)
+    common = np.sum(by_pixel[len(blurs) - 1] * by_pixel[-1], axis=1)
     strength = surely_on * np.sqrt(np.maximum(common, 0.0))
-    noise = np.array([_scatter(part, blur, rows, columns) for blur in BLURS_PX])
+    noise = np.array([_scatter(part, blur, rows, columns) for blur in blurs])
     face = faces[seen[rows, columns]]
     names, counts = np.unique(face, return_counts=True)
     kept = np.isin(face, names[counts >= _LEAST_POINTS])
     _, number = np.unique(face[kept], return_inverse=True)
-    places = pixels[kept, :2]
+    places = pixels[kept]
     return PrintTemplate(
         at[kept],
         normal[kept],
@@ -229,6 +232,22 @@ def print_template(
         noise,
         light_waves(places, number),
     )
+
+
+def points_on_planes(camera: CameraModel, pixels: Array, corners: Array, normals: Array) -> Array:
+    """Points (n, 3) in W [m] seen at ideal pixels (n, 2), each on its plane.
+
+    Args:
+        camera: camera with its pose in W.
+        pixels: (n, 2) ideal pixels.
+        corners: (n, 3) a point of each plane in W [m].
+        normals: (n, 3) normals of the planes, of any length.
+    """
+    ray = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(camera.K).T
+    ray = ray @ camera.T_world_camera[:3, :3].T
+    eye = camera.T_world_camera[:3, 3]
+    depth = np.sum((corners - eye) * normals, axis=1) / np.sum(ray * normals, axis=1)
+    return eye + depth[:, None] * ray
 
 
 def by_rest_pose(template: PrintTemplate, camera: CameraModel, pivot: Array) -> Array:
@@ -293,9 +312,9 @@ def visible_triangles(camera: CameraModel, placed: Array, triangles: IntArray) -
     return drawn.astype(np.int64), smooth_faces(placed, triangles)
 
 
-def _around(seen: IntArray) -> Box:
+def _around(seen: IntArray, blur_px: float) -> Box:
     """Box of pixels around those (h, w) that show a triangle, wider by the reach of the coarse blur."""
-    margin = math.ceil(4 * BLURS_PX[0])
+    margin = math.ceil(4 * blur_px)
     spans = [np.flatnonzero((seen >= 0).any(axis=axis)) for axis in (1, 0)]
     if not len(spans[0]):
         return slice(0, margin), slice(0, margin)

@@ -198,7 +198,9 @@ class _Watcher:
         lens = camera_from_spec(camera.calibration)
         markers = placed_markers(spec)
         observer = Observer(lens, markers, plan, recording.image, sections)
-        self._tosses = TossJudge(recording.manifest, lens, markers, lambda: recording.shape_bytes)
+        self._tosses = TossJudge(
+            recording.manifest, lens, markers, lambda: recording.shape_bytes, observer.rest_views
+        )
         observer.expect(self._expected_strike)
         return observer
 

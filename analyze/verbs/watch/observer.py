@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from analyze.motion.scene import Scene
+    from analyze.tracking.print_likeness import RestView
     from analyze.types import CameraModel, ImageFrame, Marker
     from schemas.strike_plan import PlannedStrike, StrikePlan
 
@@ -194,6 +195,11 @@ class Observer:
             shape = self._sections.surface()
             self._print_placement = None if shape is None else PrintPlacement(self._camera, shape)
         return self._print_placement
+
+    def rest_views(self) -> dict[str, RestView]:
+        """An untagged object at rest before each usable strike so far, by strike id."""
+        placement = self._placement_by_print()
+        return {} if placement is None else placement.views
 
     def judge(self, request: JudgeRequest) -> StrikeVerdict:
         """Judge a strike from the images kept.

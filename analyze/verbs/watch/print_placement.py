@@ -42,6 +42,11 @@ class PrintPlacement:
         self._surroundings = Surroundings()
         self._views: dict[str, RestView] = {}
 
+    @property
+    def views(self) -> dict[str, RestView]:
+        """The object at rest before each usable strike so far, by strike id."""
+        return self._views
+
     def struck(self, strike_id: str, planned: PlannedStrike, at_rest: ImageFrame, view: RestView) -> None:
         """Take over what a usable strike showed.
 

@@ -9,7 +9,6 @@ import pytest
 import rerun as rr
 
 from analyze.flight.toss import TossMotion, analyse_toss
-from analyze.flight.views import tag_set
 from analyze.pipeline.tosses import thrown_body
 from analyze.replay.body import SceneInputs
 from analyze.replay.layout import StrikePage, TossPage, layout
@@ -60,8 +59,7 @@ def test_curves_are_those_of_the_fitted_flight(flown, scene):
     assert flown.verdict is TossVerdict.GOOD
     assert flown.flight is not None
     thrown, _ = thrown_body(scene.struck.spec, scene.struck.model, scene.manifest)
-    markers = list(scene.body.markers)
-    curves = toss_curves(flown.flight, thrown, CAMERA, tag_set(markers), markers)
+    curves = toss_curves(flown.flight, thrown, CAMERA)
     assert np.linalg.norm(curves.rate, axis=1).mean() == pytest.approx(
         2 * np.pi * flown.turns_per_s, rel=0.01
     )
