@@ -80,4 +80,8 @@ def pose_by_matches(points: Array, pixels: Array, K: Array) -> tuple[Array, Arra
     if not done or kept is None or len(kept) < MIN_MATCHES:
         return None
     place = np.asarray(shift, dtype=np.float64).ravel()
-    return (rotation_matrix(turn), place) if np.all(np.isfinite(place)) and place[2] > 0 else None
+    return (
+        (rotation_matrix(np.asarray(turn, dtype=np.float64)), place)
+        if np.all(np.isfinite(place)) and place[2] > 0
+        else None
+    )

@@ -258,7 +258,8 @@ class ViewFit:
         along, normal = self.view.slope[level][seen] @ placed.R.T, self.view.normals[seen] @ placed.R.T
         across = np.sum(along * points, axis=1) / np.sum(normal * points, axis=1)
         by_shift = along - across[:, None] * normal
-        return np.column_stack([np.cross(points - placed.middle, by_shift), by_shift])
+        by_turn = np.cross(points - placed.middle, by_shift)
+        return np.asarray(np.column_stack([by_turn, by_shift]), dtype=np.float64)
 
     def _gain(self, level: int, seen: NDArray[np.bool_], grey: Array) -> float:
         """Contrast of the image over that at rest."""
