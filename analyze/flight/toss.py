@@ -14,6 +14,7 @@ from analyze.geometry.second_moments import unit_inertia, with_size
 from analyze.motion.body_motion import BodyMotion
 from schemas.strike_result import FollowedBy
 from schemas.toss_result import TossVerdict
+from schemas.wording import counted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -130,7 +131,8 @@ def analyse_toss(
         if flown is not None:
             break
     if flown is None:
-        seen = f"it was found in {len(views)} of {max(track.frames_total for track in tracks)} frames"
+        total = counted(max(track.frames_total for track in tracks), "frame")
+        seen = f"it was found in {len(views)} of {total}"
         text = f"nowhere does the object move as in free fall ({seen}): throw it so that it flies in view"
         return TossMotion(*ids, TossVerdict.NOT_FREE, text, followed_by=followed_by)
     return replace(_judged(ids, *flown, _MISPLACED[followed_by]), followed_by=followed_by)

@@ -70,7 +70,8 @@ class Rebase:
         moved = [shift for shift in self.shifts if not shift.is_same_edge]
         if not moved:
             return
-        worst = max(moved, key=lambda shift: max(shift.shift_m / shift.allowed_m, shift.turn_rad))
+        # Rounded, so that of edges which moved alike the first is named on every machine.
+        worst = max(moved, key=lambda shift: round(max(shift.shift_m / shift.allowed_m, shift.turn_rad), 6))
         more = f" (so do {len(moved) - 1} more)" if len(moved) > 1 else ""
         if worst.shift_m > worst.allowed_m:
             what = (

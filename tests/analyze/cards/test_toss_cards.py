@@ -76,7 +76,7 @@ def test_the_arrow_of_the_spin_turns_by_the_right_hand_rule():
 
 def test_picture_names_what_is_held():
     plan, model, spec = tossed("carton")
-    svg = hold_picture(drawn_shape(model), spec, plan.tosses[0], np.zeros(3), "2")
+    svg = hold_picture(drawn_shape(model), spec, plan.tosses[0], np.zeros(3), "tag 2")
     for said in (
         "spin axis",
         "spin this way",
