@@ -22,8 +22,6 @@ from analyze.types import CameraModel
 from tests.analyze.tags.painted import PX_PER_MM, painted
 
 WHITE, BLACK, TABLE, BOX, HAND = 215.0, 28.0, 120.0, 150.0, 175.0
-SAMPLES = 3
-"""parts of a pixel along each side"""
 
 
 @dataclass(frozen=True)
@@ -36,6 +34,8 @@ class Phone:
     k1: float = 0.06
     blur: float = 0.8
     noise: float = 1.5
+    parts: int = 3
+    """parts of a pixel along each side through which a ray is cast"""
 
     @property
     def lens(self) -> CameraModel:
@@ -131,27 +131,36 @@ def _sheets(paper: str) -> list[np.ndarray]:
 
 def picture(phone: Phone, T: np.ndarray, scene: Scene, random: np.random.Generator) -> np.ndarray:
     """Image (height, width) of the scene by a phone at a pose (4, 4)."""
+    return noisy(phone, drawn(phone, T, scene), random)
+
+
+def noisy(phone: Phone, light: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """Image (height, width) by a phone, with its noise, of the light (height, width) that reaches it."""
+    return np.clip(np.rint(light + random.normal(0, phone.noise, light.shape)), 0, 255).astype(np.uint8)
+
+
+def drawn(phone: Phone, T: np.ndarray, scene: Scene) -> np.ndarray:
+    """Light (height, width) that reaches a phone at a pose (4, 4), in grey levels."""
     rays = _rays(phone) @ T[:3, :3].T.astype(np.float32)
     eye = T[:3, 3].astype(np.float32)
     grey = _table(scene, eye, rays)
     if scene.box is not None:
         _draw_box(grey, scene.box, eye, rays)
-    image = grey.reshape(phone.height, SAMPLES, phone.width, SAMPLES).mean(axis=(1, 3))
+    image = grey.reshape(phone.height, phone.parts, phone.width, phone.parts).mean(axis=(1, 3))
     for x, y, wide, high in scene.hands:
         cv2.ellipse(image, ((x, y), (2 * wide, 2 * high), 20.0), HAND, -1, cv2.LINE_AA)
     image = cv2.GaussianBlur(image, (0, 0), phone.blur)
     row, column = np.mgrid[: phone.height, : phone.width]
     radius = np.hypot(row - phone.height / 2, column - phone.width / 2) / (phone.width / 2)
-    image = image * (1 - 0.15 * radius**2) + random.normal(0, phone.noise, image.shape)
-    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+    return image * (1 - 0.15 * radius**2)
 
 
 @cache
 def _rays(phone: Phone) -> np.ndarray:
     """Directions (n, 3) of the parts of all pixels in the camera's frame, by fixed-point iteration."""
     K = phone.lens.K
-    x = (np.arange(phone.width * SAMPLES) + 0.5) / SAMPLES - 0.5
-    y = (np.arange(phone.height * SAMPLES) + 0.5) / SAMPLES - 0.5
+    x = (np.arange(phone.width * phone.parts) + 0.5) / phone.parts - 0.5
+    y = (np.arange(phone.height * phone.parts) + 0.5) / phone.parts - 0.5
     grid = np.stack(np.meshgrid((x - K[0, 2]) / K[0, 0], (y - K[1, 2]) / K[1, 1]), axis=-1).astype(np.float32)
     ideal = grid.copy()
     for _ in range(12):
