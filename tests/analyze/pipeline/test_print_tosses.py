@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from analyze.flight.estimate import estimate_flights
 from analyze.flight.toss import TossMotion
+from analyze.flight.tracked_attitude import tracked_attitudes
+from analyze.geometry.rotations import angle_between
 from analyze.geometry.second_moments import log_cholesky, scale_free
 from analyze.pipeline.toss_marks import TossMarks
 from analyze.pipeline.tosses import thrown_body, toss_in_frames
+from analyze.predict.tosses import MAX_ATTITUDE_SD
 from schemas.strike_result import FollowedBy
 from schemas.toss_result import TossVerdict
 from tests.analyze.simulated_session import manifest
@@ -28,9 +32,14 @@ def read(marks: TossMarks) -> TossMotion:
     )
 
 
-def test_one_toss_by_print_determines_centre_and_ratios() -> None:
+@pytest.fixture(scope="module")
+def found() -> TossMotion:
+    """A good toss, followed by the views of all strikes."""
+    return read(TossMarks([], OBJECT.views))
+
+
+def test_one_toss_by_print_determines_centre_and_ratios(found: TossMotion) -> None:
     """Views as far off as the poses at rest are: c to 1 mm, all numbers within 3.5 of their sd."""
-    found = read(TossMarks([], OBJECT.views))
     assert found.verdict is TossVerdict.GOOD, found.reason
     assert found.followed_by is FollowedBy.PRINT
     assert found.flight is not None
@@ -42,6 +51,17 @@ def test_one_toss_by_print_determines_centre_and_ratios() -> None:
     sd = np.sqrt(np.diag(fit.estimate.covariance))
     assert np.linalg.norm(off[:3]) < 1e-3
     assert np.abs(off / sd).max() < 3.5
+
+
+def test_a_left_out_toss_shows_its_attitude_in_single_frames(found: TossMotion) -> None:
+    """As `analyze predict` compares it: each frame by itself, beside the fit of the whole flight."""
+    assert found.flight is not None
+    flight = found.flight
+    track = tracked_attitudes(flight.views, flight.path, flight.tags_at([]), OBJECT.camera, MAX_ATTITUDE_SD)
+    assert len(track) > 0.8 * len(flight.path)
+    at = np.searchsorted(flight.path.time, track.time - 1e-6)
+    off = angle_between(track.R_world_object, flight.path.R_world_object[at])
+    assert np.degrees(np.sqrt(np.mean(off**2))) < 0.5
 
 
 def test_without_a_strike_the_print_is_not_known() -> None:
