@@ -1,8 +1,7 @@
 """Motion of a strike by the object's own print: template at rest, tracking, and the pose at rest with them.
 
 A hand puts an object down a degree and a few millimetres off its planned pose. The frames of the tip show
-the turn about the vertical and the distance from the camera, which are fitted with the motion; the place
-along the image does not matter.
+the turn about the vertical and the place on the table, which are fitted with the motion.
 """
 
 # numpy and cv2 are only partly typed.
@@ -18,6 +17,7 @@ import numpy as np
 
 from analyze.errors import TrackingError
 from analyze.motion.enough_print import print_follower, refuse_poor_print
+from analyze.motion.print_rest_pose import moved_camera, rest_correction, theta_sd_by_rest
 from analyze.motion.rest_frames import end_of_motion, frames_at_rest
 from analyze.motion.settings import MotionSettings
 from analyze.motion.strike import analyse_motion, analyse_strike, placement_of
@@ -43,17 +43,16 @@ if TYPE_CHECKING:
     from analyze.tracking.print_points import PrintPoints
     from analyze.types import Array, CameraModel, ImageFrame, IntArray, Marker, TipMotion
 
-REST_SD = np.array([math.radians(1.5), 3e-3, 3e-3])
-"""1 sigma of the pose at rest against the plan: turn about W's z [rad], place along x and y [m]"""
 _WORSE = 0.98
 """share of the print explained, over the best so far, below which a correction at rest was wrong"""
-REST_STEPS = 2
+REST_STEPS = 3
 """number of corrections of the pose at rest, each with the strike tracked again"""
-_REST_CONVERGED = np.array([math.radians(0.06), np.inf, 5e-4])
-"""correction of the pose at rest below which the strike is not tracked again"""
-BIAS_SD = math.radians(0.015)
-"""1 sigma of theta's error that neighbouring frames share: grey values between pixels, light, the pose at
-rest"""
+_REST_CONVERGED = np.array([math.radians(0.06), 2e-3, 5e-4])
+"""correction of the pose at rest below which the strike is not tracked again: a place along the image only
+keeps the points off the background"""
+BIAS_SD, ROUND_BIAS_SD = math.radians(0.010), math.radians(0.020)
+"""1 sigma of theta's error that neighbouring frames share, on flat faces and on round walls: grey values
+between pixels, light, the pose at rest"""
 OBLIQUE_SD = math.radians(0.2)
 """1 sigma of such an error, times the sine of the angle by which the line of sight lies beside the edge:
 turns of the object about the other two axes then look like a tip"""
@@ -66,10 +65,13 @@ _TRACKED_REST = 30
 """largest number of frames at rest that are tracked; all serve for the template"""
 _OUTLINE_RAD, _OUTLINE_FRAMES = (math.radians(8.0), math.radians(50.0)), 8
 """tips at which the outline is checked [rad], and number of frames"""
-MAX_OUTLINE_MISFIT = 0.012
-"""area that contradicts the planned outline, over the outline's, above which the object lies otherwise"""
+MAX_BEYOND, MAX_MISSING = 0.018, 0.012
+"""area beyond the planned outline that moves with the body, and within it that stays, over the outline's,
+above which the object lies otherwise; a shadow that falls on a shadow makes up to 0.015"""
 _LEAST_EXPLAINED = 0.6
 """share of the print that a frame must explain, over that at rest, to count"""
+_MOST_BACK = math.radians(15.0)
+"""tip towards the striker beyond which a frame does not count: the table is there"""
 
 
 @dataclass(frozen=True)
@@ -165,7 +167,8 @@ def print_motion(
     poses, follower, seen_by = followed.poses, followed.follower, followed.seen_by
     pivot = placement.R_world_object @ placement.p_object_pivot + placement.p_world_object
     tipped = _over_edge(poses[: followed.ended], edge_left_rad)
-    slow_sd = _slow_sd(tipped, rested, pivot - seen_by.T_world_camera[:3, 3])
+    bias_sd = ROUND_BIAS_SD if follower.sees_round_walls else BIAS_SD
+    slow_sd = _slow_sd(tipped, rested, pivot - seen_by.T_world_camera[:3, 3], bias_sd)
     found = _frames_with_print(poses, rested)
     tip = [(images.ideal(frames[number].image), poses[number].x) for number in _outline_frames(poses, found)]
     if tip:
@@ -212,7 +215,7 @@ def _follow(
     settled: list[PrintPose] = []
     for step in range(REST_STEPS + 1):
         # Where the object was put down otherwise, so was its edge: the camera is moved instead.
-        before = _moved_camera(images.camera, pivot, turned)
+        before = moved_camera(images.camera, pivot, turned)
         follower = print_follower(rest, before, images, shape, placement, interval_s)
         if step == 0:
             refuse_poor_print(follower)
@@ -223,35 +226,36 @@ def _follow(
         if step == 0:
             ended = end_of_motion(poses, times_s)
             poses, settled = poses[:ended], poses[ended:]
-        explained = float(np.mean([pose.explained for pose in poses]))
-        if best is None or explained > best[0]:
-            best = explained, turned, poses, follower
-        elif explained < _WORSE * best[0]:
+        explained = _explained_of_rest(poses, rested)
+        if best is not None and explained < _WORSE * best[0]:
             # Too far: half the way back.
             turned, starts = 0.5 * (turned + best[1]), unknown
             continue
-        correction = _rest_correction(_over_edge(poses[rested:], edge_left_rad), turned)
+        best = explained, turned, poses, follower
+        correction = rest_correction(_over_edge(poses[rested:], edge_left_rad), turned)
         if np.all(np.abs(correction) < _REST_CONVERGED):
             break
         turned = turned + correction
         rates = np.gradient([pose.x[THETA] for pose in poses], times_s[: len(poses)]).tolist()
-        starts = [pose.x + pose.by_rest @ correction if pose.explained > 0 else None for pose in poses]
+        # Points on the background may have led the poses astray.
+        astray = abs(correction[1]) > _REST_CONVERGED[1]
+        starts = [
+            None if astray or pose.explained == 0 else pose.x + pose.by_rest @ correction for pose in poses
+        ]
     assert best is not None  # noqa: S101 - there is a step
     _, turned, poses, follower = best
     after = [_by_rest(pose, turned, follower) for pose in settled]
-    seen_by = _moved_camera(images.camera, pivot, turned)
+    seen_by = moved_camera(images.camera, pivot, turned)
     return _Followed([*poses, *after], len(poses), follower, seen_by, float(turned[0]))
 
 
-def _moved_camera(camera: CameraModel, pivot: Array, turned: Array) -> CameraModel:
-    """Camera as seen from an object that was turned about W's z at the pivot, and shifted along x and y."""
-    cos, sin = math.cos(turned[0]), math.sin(turned[0])
-    R = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    pose = np.eye(4)
-    pose[:3, :3] = R.T @ camera.T_world_camera[:3, :3]
-    shift = np.array([turned[1], turned[2], 0.0])
-    pose[:3, 3] = R.T @ (camera.T_world_camera[:3, 3] - pivot - shift) + pivot
-    return replace(camera, T_world_camera=pose)
+def _explained_of_rest(poses: Sequence[PrintPose], rested: int) -> float:
+    """Share of the print that frames in motion explain, over that of the frames at rest.
+
+    It compares templates: one that takes in the body's outline explains more at rest.
+    """
+    explained = np.array([pose.explained for pose in poses])
+    return float(np.mean(explained[rested:])) / max(float(np.mean(explained[:rested])), 1e-9)
 
 
 def _edge_left_rad(task: StrikeTask) -> float:
@@ -266,30 +270,6 @@ def _over_edge(poses: Sequence[PrintPose], edge_left_rad: float) -> list[PrintPo
     return list(poses[: left[0]] if left else poses)
 
 
-def _rest_correction(poses: Sequence[PrintPose], turned: Array) -> Array:
-    """Change (3,) of the pose at rest by the frames in motion, about its present difference from the plan."""
-    gradient = sum((pose.shared[1] for pose in poses), -turned / REST_SD**2)
-    return np.asarray(np.linalg.solve(_rest_information(poses, 1.0), gradient), dtype=np.float64)
-
-
-def _rest_information(poses: Sequence[PrintPose], share: float) -> Array:
-    """Information (3, 3) about the pose at rest: the plan's, and a share of that of the frames in motion."""
-    return share * sum((pose.shared[0] for pose in poses), np.zeros((3, 3))) + np.diag(REST_SD**-2.0)
-
-
-def _theta_sd_by_rest(poses: Sequence[PrintPose], rested: int) -> float:
-    """Standard deviation of theta [rad] by the uncertainty of the pose at rest, in the frame it affects most.
-
-    The frames share the noise of the template, so that they count no more than the images at rest do.
-    """
-    moving = [pose for pose in poses[rested:] if pose.explained > 0]
-    if not moving:
-        return 0.0
-    covariance = np.linalg.inv(_rest_information(moving, 1.0 / (1.0 + len(moving) / rested)))
-    change = np.array([pose.by_rest[THETA] for pose in moving]) - poses[0].by_rest[THETA]
-    return float(np.sqrt(np.einsum("ni,ij,nj->n", change, covariance, change).max()))
-
-
 def _by_rest(pose: PrintPose, turned: Array, follower: PrintFollower) -> PrintPose:
     """Pose that was found with the planned pose at rest, for another one."""
     x = pose.x + pose.by_rest @ turned
@@ -298,9 +278,10 @@ def _by_rest(pose: PrintPose, turned: Array, follower: PrintFollower) -> PrintPo
 
 
 def _frames_with_print(poses: Sequence[PrintPose], rested: int) -> NDArray[np.bool_]:
-    """True (n,) for frames at rest, and for others that explain enough of the print."""
+    """True (n,) for frames at rest, and for others that explain enough of the print above the table."""
     explained = np.array([pose.explained for pose in poses])
-    found = explained >= _LEAST_EXPLAINED * float(np.median(explained[:rested]))
+    theta = np.array([pose.x[THETA] for pose in poses])
+    found = (explained >= _LEAST_EXPLAINED * float(np.median(explained[:rested]))) & (theta > -_MOST_BACK)
     found[:rested] = True
     return found
 
@@ -319,7 +300,7 @@ def _refuse_other_outline(misfit: OutlineMisfit) -> None:
     Raises:
         TrackingError: the object was put down otherwise than planned, or has another size.
     """
-    if misfit.worst > MAX_OUTLINE_MISFIT:
+    if misfit.beyond > MAX_BEYOND or misfit.missing > MAX_MISSING:
         found = "more" if misfit.beyond > misfit.missing else "less"
         raise TrackingError(
             f"{found} than the planned shape moves with the print: put the object down as its card shows, or"
@@ -327,19 +308,20 @@ def _refuse_other_outline(misfit: OutlineMisfit) -> None:
         )
 
 
-def _slow_sd(poses: Sequence[PrintPose], rested: int, sight: Array) -> tuple[float, float]:
+def _slow_sd(poses: Sequence[PrintPose], rested: int, sight: Array, bias_sd: float) -> tuple[float, float]:
     """1 sigma of the errors that neighbouring frames share: of theta [rad], and of slip and lift [m].
 
     Args:
         poses: (n,) poses of the frames at rest and of the tip.
         rested: number of the first frames, in which the object is at rest.
         sight: (3,) from the camera to the pivot.
+        bias_sd: 1 sigma of such an error of theta where all is well [rad].
     """
     explained = np.array([pose.explained for pose in poses])[_frames_with_print(poses, rested)][rested:]
     misfit = 1.0 - float(np.median(explained)) if len(explained) else 0.0
     oblique = abs(float(sight[0])) / float(np.linalg.norm(sight))
-    by_rest = _theta_sd_by_rest(poses, rested)
-    theta_sd = math.hypot(BIAS_SD, OBLIQUE_SD * oblique, BIAS_PER_MISFIT * misfit, by_rest)
+    by_rest = theta_sd_by_rest(poses, rested)
+    theta_sd = math.hypot(bias_sd, OBLIQUE_SD * oblique, BIAS_PER_MISFIT * misfit, by_rest)
     return theta_sd, math.hypot(PLACE_SD, PLACE_PER_MISFIT * misfit)
 
 

@@ -51,8 +51,9 @@ _LARGEST_STEP = np.array([0.05, 0.01, 0.02, 0.004, 0.004, 0.004])
 """largest change of the unknowns in one step [rad, m]"""
 CORRELATED = (20.0, 3.0)
 """number of points that count as one, as the blur correlates their noise, on each level"""
-_SEARCH_BELOW = 0.8
-"""mean weight of the points, over the usual one, below which other tips are tried"""
+_SEARCH_BELOW, _DROPPED_BELOW = 0.8, 0.9
+"""mean weight of the points, over the usual one and over the frame before, below which other tips are tried:
+where stripes match beside the print it drops"""
 _SEARCH_RAD, _SEARCH_STEP_RAD = (-0.064, 0.128), 0.008
 """range of tips that are tried, against the predicted one, and their spacing [rad]"""
 _TRIED = 3
@@ -61,6 +62,8 @@ _LOST_BELOW = 0.6
 """mean weight of the points, over the usual one, below which a frame has no fit"""
 _LEAST_STRENGTH = 2.0
 """gradient from which on a point is print [grey/px]: shades of a facetted wall have less"""
+_GRAINS = 1.7
+"""the same over the grain that all images at rest share, whose own gradients have up to 1.6"""
 _LEAST_GAIN = 0.3
 """contrast of the print over that at rest below which nothing is explained: on an even background it is 0"""
 _STEEPEST = 0.15
@@ -141,6 +144,8 @@ class PrintFollower:
     ) -> None:
         """Prepare the tracker; the first frame is expected at rest."""
         self._template, self._camera, self._images = template, camera, images
+        self.sees_round_walls = template.is_round
+        """True if shades move over the faces with print"""
         self._pivot, self._radius = pivot, radius
         self._interval_s, self._rate = interval_s, 0.0
         self._arms = template.points - pivot
@@ -155,7 +160,8 @@ class PrintFollower:
         self._even_lights: dict[int, tuple[NDArray[np.bool_], Light]] = {}
         """the last points in view and their light, by level"""
         self._R, self._t = world_to_camera(camera)
-        self._x, self._speed, self._usual, self._missed = np.zeros(6), 0.0, 0.9, 1
+        self._x, self._speed, self._missed = np.zeros(6), 0.0, 1
+        self._usual = self._last = 0.9
 
     def add(
         self, image: NDArray[np.uint8], start: Array | None = None, rate: float | None = None
@@ -177,13 +183,14 @@ class PrintFollower:
         if start is None:
             start = self._x * np.array([1.0, 0.9, 0.9, 0.9, 0.9, 0.9])
             start[THETA] += self._speed
-        least = _SEARCH_BELOW * self._usual
+        least = max(_SEARCH_BELOW * self._usual, _DROPPED_BELOW * min(self._usual, self._last))
         view = self._view(image, start, _MARGIN_PX)
         pose = self._fit(view, start, len(BLURS_PX) - 1)
         if pose.explained < least:
             pose = max(pose, self._levels(view, start), key=_explained)
         if pose.explained < least:
             pose = self._searched(image, start, pose, least)
+        self._last = pose.explained
         if pose.explained >= least:
             self._usual += 0.1 * (pose.explained - self._usual)
         if pose.explained >= _LOST_BELOW * self._usual:
@@ -365,7 +372,8 @@ class PrintFollower:
         Only what both halves of the images show counts as print.
         """
         placed, level = self._placed(np.zeros(6)), len(BLURS_PX) - 1
-        strong = self._seen(placed) & (self._template.strength > _LEAST_STRENGTH)
+        least = max(_LEAST_STRENGTH, _GRAINS * self._template.grain)
+        strong = self._seen(placed) & (self._template.strength > least)
         if strong.sum() < _LEAST_SEEN:
             return math.inf
         one, other = (self._design(placed, half[level])[strong, :6] for half in self._template.slope)
@@ -375,8 +383,7 @@ class PrintFollower:
         common = row * (free[0].T @ free[1])
         information = 0.5 * (common + common.T)
         print_, prior = information[THETA, THETA], np.diag(_PRIOR)
-        least = float(np.linalg.eigvalsh(information[1:, 1:] + prior[1:, 1:]).min())
-        if print_ <= 0.0 or least <= 0.0:
+        if print_ <= 0.0 or np.linalg.eigvalsh(information[1:, 1:] + prior[1:, 1:]).min() <= 0.0:
             return math.inf
         rest = np.linalg.solve(information[1:, 1:] + prior[1:, 1:], information[1:, THETA])
         left = print_ - float(information[THETA, 1:] @ rest)
@@ -385,8 +392,7 @@ class PrintFollower:
 
 def _open(start: Array, pixels: Array) -> PrintPose:
     """Pose of a frame without a fit."""
-    nothing = np.zeros((3, 3)), np.zeros(3)
-    unseen = np.full(len(pixels), np.nan)
+    nothing, unseen = (np.zeros((3, 3)), np.zeros(3)), np.full(len(pixels), np.nan)
     return PrintPose(start, np.diag(_OPEN_SD**2), 0.0, pixels, unseen, nothing, np.zeros((6, 3)))
 
 

@@ -52,6 +52,10 @@ _SAME_FACE_RAD = math.radians(15.0)
 """largest angle between neighbouring triangles of one face"""
 _PLAIN_SHARE = 0.15
 """share of the points taken anywhere, for the light on each face"""
+_ROUND = 0.05
+"""rms of the normals' components about their faces' means from which on faces are round"""
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+"""golden ratio, whose multiples spread most evenly"""
 _LEAST_POINTS = 40
 """points below which a face is not used"""
 _COMPARED = 8
@@ -79,6 +83,8 @@ class PrintTemplate:
     of the outline, where the background may be seen"""
     noise: Array
     """(levels,) robust scale of one image's grey values about those at rest [grey]"""
+    grain: float
+    """noise from pixel to pixel that all images at rest share, as coding freezes it [grey]"""
     waves: Array
     """(m, w) waves of the light over the faces"""
 
@@ -86,6 +92,13 @@ class PrintTemplate:
     def faces(self) -> int:
         """Number of faces with points."""
         return int(self.face.max(initial=-1)) + 1
+
+    @property
+    def is_round(self) -> bool:
+        """True if the faces with points are curved."""
+        of_face = [self.normals[self.face == name] for name in range(self.faces)]
+        off = np.concatenate([normals - normals.mean(axis=0) for normals in of_face])
+        return bool(np.sqrt(np.mean(off**2)) > _ROUND)
 
 
 class IdealImages:
@@ -217,6 +230,7 @@ def print_template(
     common = np.sum(by_pixel[len(blurs) - 1] * by_pixel[-1], axis=1)
     strength = surely_on * np.sqrt(np.maximum(common, 0.0))
     noise = np.array([_scatter(part, blur, rows, columns) for blur in blurs])
+    grain = float(np.median(np.abs(_grain(np.mean(halves, axis=0))[rows, columns])) * 1.4826)
     face = faces[seen[rows, columns]]
     names, counts = np.unique(face, return_counts=True)
     kept = np.isin(face, names[counts >= _LEAST_POINTS])
@@ -230,6 +244,7 @@ def print_template(
         slope[:, :, kept],
         strength[kept],
         noise,
+        grain,
         light_waves(places, number),
     )
 
@@ -289,6 +304,12 @@ def _scatter(rest: Sequence[NDArray[np.float32]], blur_px: float, rows: IntArray
         return 0.0
     values = [blurred(image, blur_px)[rows, columns] for image in rest[:_COMPARED]]
     return 1.4826 * float(np.median(np.abs(np.diff(values, axis=0)))) / math.sqrt(2.0)
+
+
+def _grain(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """White noise (h, w) of an image, from which smooth shades and lines are taken (Immerkaer 1996)."""
+    second = np.array([[1.0, -2.0, 1.0]])
+    return np.asarray(cv2.filter2D(image, cv2.CV_32F, second.T @ second), dtype=np.float32) / 6.0
 
 
 def visible_triangles(camera: CameraModel, placed: Array, triangles: IntArray) -> tuple[IntArray, IntArray]:
@@ -371,6 +392,7 @@ def _spread(size: NDArray[np.float32], usable: NDArray[np.bool_], points: int) -
     spread = np.flatnonzero(rank < _MOST_PER_CELL)
     by_strength = order[spread[np.argsort(-strength[order[spread]], kind="stable")]]
     strong = by_strength[: round(points * (1 - _PLAIN_SHARE))]
-    others = np.linspace(0, len(rows) - 1, round(points * _PLAIN_SHARE)).astype(np.int64)
+    # By the golden ratio: equal steps through rows of equal length would lie on a few lines.
+    others = (np.arange(round(points * _PLAIN_SHARE)) * _GOLDEN % 1.0 * len(rows)).astype(np.int64)
     chosen = np.unique(np.concatenate([strong, others]))
     return rows[chosen].astype(np.int64), columns[chosen].astype(np.int64)

@@ -70,6 +70,19 @@ def test_a_blank_side_is_refused_with_what_to_do():
         print_motion(made.frames[:45], camera(), (model.vertices, model.faces), placement_of(made.planned), 0)
 
 
+def test_noise_that_images_at_rest_share_is_no_print():
+    """As coding freezes it."""
+    _, model = box()
+    made = tip(0, seed=0, blank=True)
+    frozen = np.random.default_rng(1).normal(0, 3.5, made.frames[0].image.shape)
+    frames = [
+        replace(frame, image=np.clip(np.rint(frame.image + frozen), 0, 255).astype(np.uint8))
+        for frame in made.frames[:45]
+    ]
+    with pytest.raises(TrackingError, match=r"too little print \(blank"):
+        print_motion(frames, camera(), (model.vertices, model.faces), placement_of(made.planned), 0)
+
+
 @pytest.mark.parametrize(("factor", "found"), [(0.75, "more"), (1.3, "less")])
 def test_an_object_that_is_higher_or_lower_than_its_card_shows_is_refused(factor, found):
     """As when another side is up."""
@@ -94,6 +107,29 @@ def test_frames_without_the_print_are_left_out():
     shape = model.vertices, model.faces
     motion, _, _ = print_motion(frames, camera(), shape, placement_of(made.planned), made.contact_ns)
     assert motion.angle.time_ns[-1] < frames[gone].time_ns
+
+
+def test_a_place_further_along_the_image_shows_in_where_the_object_turns():
+    """Beyond the border that is left for it, points lie on the object's outline, and on what is behind it."""
+    _, model = box()
+    made = tip(0, seed=0)
+    places = []
+    for off in (-4e-3, 4e-3):
+        seen_from = camera().T_world_camera.copy()
+        seen_from[0, 3] += off
+        motion, view, _ = print_motion(
+            made.frames,
+            replace(camera(), T_world_camera=seen_from),
+            (model.vertices, model.faces),
+            placement_of(made.planned),
+            made.contact_ns,
+        )
+        places.append(view.camera.T_world_camera[:2, 3])
+        frame = np.rint((motion.angle.time_ns - made.frames[0].time_ns) * 1e-9 * RATE_HZ).astype(int)
+        moving = (made.theta[frame] > 0.02) & (made.theta[frame] < 1.5)
+        error = np.degrees(motion.angle.theta - made.theta[frame])[moving]
+        assert np.sqrt(np.mean(error**2)) < 0.05
+    assert np.linalg.norm(places[0] - places[1]) < 1e-3
 
 
 def test_what_moves_about_another_line_does_not_tell_of_the_pose_at_rest():

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from analyze.motion.print_motion import MAX_OUTLINE_MISFIT
+from analyze.motion.print_motion import MAX_BEYOND, MAX_MISSING
 from analyze.tracking.print_follower import PrintFollower
 from analyze.tracking.print_outline import OutlineMisfit, outline_misfit
 from analyze.types import CameraModel
@@ -74,23 +74,23 @@ def misfit(size: np.ndarray, *, wall: bool = True, arm: bool = False, can: bool 
 @pytest.mark.parametrize("wall", [True, False])
 @pytest.mark.parametrize("arm", [False, True])
 def test_the_right_box_fits_beside_an_arm_and_before_any_wall(wall, arm):
-    assert misfit(PLANNED, wall=wall, arm=arm).worst < MAX_OUTLINE_MISFIT / 2
+    assert misfit(PLANNED, wall=wall, arm=arm).worst < MAX_MISSING / 2
 
 
 @pytest.mark.parametrize("wall", [True, False])
 @pytest.mark.parametrize("factor", [(1.3, 1.0), (1.0, 1.3), (1.25, 1.25)])
 def test_a_larger_box_moves_beyond_the_outline(wall, factor):
     found = misfit(PLANNED * factor, wall=wall)
-    assert found.beyond > 1.5 * MAX_OUTLINE_MISFIT
-    assert found.missing < MAX_OUTLINE_MISFIT / 2
+    assert found.beyond > 1.5 * MAX_BEYOND
+    assert found.missing < MAX_MISSING / 2
 
 
 @pytest.mark.parametrize("factor", [(0.6, 1.0), (1.0, 0.7)])
 def test_a_smaller_box_leaves_the_wall_within_the_outline(factor):
     found = misfit(PLANNED * factor)
-    assert found.missing > MAX_OUTLINE_MISFIT
-    assert found.beyond < MAX_OUTLINE_MISFIT / 2
+    assert found.missing > MAX_MISSING
+    assert found.beyond < MAX_BEYOND / 2
 
 
 def test_shades_of_a_can_that_stay_with_the_light_do_not_count():
-    assert misfit(PLANNED, wall=False, can=True).worst < MAX_OUTLINE_MISFIT / 2
+    assert misfit(PLANNED, wall=False, can=True).worst < MAX_MISSING / 2
