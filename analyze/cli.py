@@ -15,6 +15,7 @@ from analyze.verbs.batch import batch
 from analyze.verbs.cache import cache
 from analyze.verbs.calibrate.command import calibrate
 from analyze.verbs.cards import cards
+from analyze.verbs.compact import compact
 from analyze.verbs.estimate import estimate
 from analyze.verbs.export import export
 from analyze.verbs.fixture.command import fixture
@@ -75,6 +76,7 @@ for _verb in (
     predict,
     batch,
     query,
+    compact,
     cache,
 ):
     main.add_command(_verb)

@@ -84,6 +84,10 @@ class FixtureError(AnalyzeError):
     """No fixture can be designed for an object, or not with the options given."""
 
 
+class CompactError(AnalyzeError):
+    """A recording cannot be compacted; it stays as it is."""
+
+
 class ArchiveError(AnalyzeError):
     """An archive cannot be listed or analysed, or its results cannot be written, read or queried.
 

@@ -18,7 +18,7 @@ import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from acquire.recorder.image import png_message
+from acquire.recorder.image import RawImageEncoder, png_message
 from acquire.virtual.station import Station, station
 from analyze.replay.views import object_poses
 from analyze.types import TipAngle
@@ -67,7 +67,7 @@ def body_of(number: int) -> Body:
 
 
 def quick_session(
-    path: Path, body: Body, number: int, strikes: int = 4, *, packed: bool = False
+    path: Path, body: Body, number: int, strikes: int = 4, *, packed: bool = False, raw: bool = False
 ) -> QuickSession:
     """Write a recording of a simulated session, and return the object's true mass properties.
 
@@ -78,6 +78,7 @@ def quick_session(
         strikes: number of strikes, about the axes on which the tag stays in view, in turn.
         packed: True for PNG whose runs of one grey are packed, not as the recorder writes it: a tenth of the
             size, a third of the time.
+        raw: True for images as the recorder keeps them by default.
     """
     rng = np.random.default_rng((78, number))
     lens = station(1)
@@ -109,7 +110,9 @@ def quick_session(
     with McapWriter(path) as writer:
         writer.metadata(MANIFEST_NAME, manifest_entries(canonical_json(known)))
         writer.attachment(PLAN_ATTACHMENT, "application/json", plan)
-        _write_strikes(writer, planned, spec, body, lens, rng, _packed if packed else png_message)
+        encode = _raw if raw else _packed if packed else png_message
+        topic = (topics.raw_image if raw else topics.compressed_image)("main")
+        _write_strikes(writer, planned, spec, body, lens, rng, (topic, encode))
         writer.finish()
     return QuickSession(path, body.com, body.mass)
 
@@ -121,12 +124,10 @@ def _write_strikes(
     body: Body,
     lens: Station,
     rng: np.random.Generator,
-    encode: Callable[[str, int, np.ndarray], bytes],
+    coding: tuple[topics.Topic, Callable[[str, int, np.ndarray], bytes]],
 ) -> None:
-    images, metas = (
-        writer.add_topic(topics.compressed_image("main")),
-        writer.add_topic(topics.frame_meta("main")),
-    )
+    topic, encode = coding
+    images, metas = writer.add_topic(topic), writer.add_topic(topics.frame_meta("main"))
     clock, records = writer.add_topic(topics.CLOCK_SAMPLE), writer.add_topic(topics.SESSION_STRIKE)
     sequence = 0
     for number, strike in enumerate(planned):
@@ -238,6 +239,10 @@ def _picture(marker: MarkerSpec, R: np.ndarray, p: np.ndarray, lens: Station) ->
     x, y = np.maximum(low, 0), np.minimum(low + size, (WIDTH, HEIGHT))
     image[x[1] : y[1], x[0] : y[0]] = small[x[1] - low[1] : y[1] - low[1], x[0] - low[0] : y[0] - low[0]]
     return image
+
+
+def _raw(camera: str, time_ns: int, image: np.ndarray) -> bytes:
+    return b"".join(RawImageEncoder(camera, WIDTH, HEIGHT).encode(time_ns, image))
 
 
 def _packed(camera: str, log_time_ns: int, image: np.ndarray) -> bytes:

@@ -148,6 +148,7 @@ IMPURE_CALLS = {
 CV2_ALLOWED = (
     "analyze/tracking",
     "analyze/calibration",
+    "analyze/compact/",
     "analyze/geometry",
     "analyze/reading/image_message.py",
     "analyze/sources/pictures.py",

@@ -107,6 +107,7 @@ def _describe(recording: Recording, general: dict[str, Any], *, complete: bool) 
             "markers": [marker.name for marker in manifest.object.marker],
         },
         "rebased": [entry.model_dump(mode="json") for entry in manifest.rebased or []],
+        "compacted": [each.model_dump(mode="json") for each in recording.compactions],
         "messages": sum(topic["count"] for topic in found),
         **time_span(found),
         "topics": found,

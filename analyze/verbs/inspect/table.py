@@ -108,6 +108,17 @@ def _write_session(found: dict[str, Any], write: Any) -> None:
         write(
             f"rebased by {entry['software']}: {changed}; the earlier files are attached as rebase-{number}/"
         )
+    for entry in found["compacted"]:
+        write(f"compacted by {entry['software']} from {_bytes(entry['source_bytes'])}: {_loss(entry)}")
+
+
+def _loss(compaction: dict[str, Any]) -> str:
+    """Words for what a compaction lost."""
+    if compaction["exact"]:
+        return "no pixel changed"
+    parts = [f"quantised by {compaction['step']} grey levels"] if compaction["step"] else []
+    parts += ["kept where something moves"] if compaction["cropped"] else []
+    return ", ".join(parts)
 
 
 def _written(found: dict[str, Any]) -> str:

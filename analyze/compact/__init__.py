@@ -1,0 +1,1 @@
+"""Recordings in half the bytes: images as PNG without loss, or as JPEG within the camera's noise."""

@@ -1,0 +1,107 @@
+"""`analyze compact`: recordings in half the bytes, without loss, or within the camera's noise."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from analyze.verbs.options import one_line, path_option
+from schemas.plain_text import echo
+from schemas.wording import counted
+
+if TYPE_CHECKING:
+    from analyze.compact.compact import Compacted
+
+_MEGA = 1e6
+_SOME_FAILED = 3
+
+
+@click.command()
+@click.argument("places", metavar="PATH...", nargs=-1, required=True)
+@click.option(
+    "--near-lossless",
+    is_flag=True,
+    help="Quantise the images by their own noise; phi and k of each strike are compared, and refused changes"
+    " leave the recording as it is.",
+)
+@click.option("--crop", is_flag=True, help="Keep only the part of the image in which something moves.")
+@path_option("--out", help="Folder for copies, which exists.  [default: the recordings are replaced]")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@one_line
+def compact(
+    places: tuple[str, ...], near_lossless: bool, crop: bool, out: Path | None, as_json: bool
+) -> None:
+    """Store the images of recordings, or of all in a folder, in half the bytes, without loss.
+
+    Each copy is read back and compared with the recording before it takes its place: whenever the command is
+    interrupted, one of the two is whole. What is compact already is left out. All commands read both kinds.
+    """
+    from analyze.batch.archive import find_sources
+    from analyze.compact.compact import CompactOptions
+    from analyze.compact.compact import compact as compact_recording
+    from analyze.errors import AnalyzeError
+    from analyze.progress import ProgressBar
+
+    if out is not None and not out.is_dir():
+        raise click.UsageError(f"{out}: is no folder: create it first")
+    options = CompactOptions(near_lossless, crop)
+    done: list[Compacted] = []
+    problems: list[str] = []
+    with ProgressBar() as progress:
+        for source in find_sources(places):
+            try:
+                done += compact_recording(Path(source.url), options, progress, out)
+            except OSError as error:
+                problems.append(f"{source.url}: cannot be compacted: {error.strerror}: it stays as it is")
+            except AnalyzeError as error:
+                problems.append(str(error))
+    if as_json:
+        echo(json.dumps(_as_json(done, problems), allow_nan=False))
+    else:
+        _render(done)
+    for problem in problems:
+        echo(problem, err=True)
+    if problems:
+        raise SystemExit(_SOME_FAILED if done else 1)
+
+
+def _as_json(done: list[Compacted], problems: list[str]) -> dict[str, object]:
+    files = [
+        {
+            "path": str(each.path),
+            "bytes_before": each.before,
+            "bytes": each.after,
+            "compaction": None if each.compaction is None else each.compaction.model_dump(mode="json"),
+        }
+        for each in done
+    ]
+    return {"files": files, "problems": problems}
+
+
+def _render(done: list[Compacted]) -> None:
+    for each in done:
+        if each.compaction is None:
+            echo(f"{each.path}: compact already: {each.after / _MEGA:.1f} MB")
+            continue
+        kind = "without loss" if each.compaction.exact else _loss(each)
+        echo(
+            f"{each.path}: {each.before / _MEGA:.1f} to {each.after / _MEGA:.1f} MB"
+            f" ({100 * each.after / max(each.before, 1):.0f} %), {kind}"
+        )
+    changed = [each for each in done if each.compaction is not None]
+    if len(done) > 1:
+        before, after = (sum(getattr(each, name) for each in changed) for name in ("before", "after"))
+        echo(f"{counted(len(changed), 'file')} compacted: {before / _MEGA:.1f} to {after / _MEGA:.1f} MB")
+
+
+def _loss(each: Compacted) -> str:
+    import math
+
+    assert each.compaction is not None  # noqa: S101 - asked only of these
+    strikes = each.compaction.strikes
+    phi = max((abs(math.degrees(strike.phi_rad or 0.0)) for strike in strikes), default=0.0)
+    k = max((100 * abs(strike.k_relative or 0.0) for strike in strikes), default=0.0)
+    return f"{counted(len(strikes), 'strike')} compared: phi within {phi:.4f} deg, k within {k:.3f} %"

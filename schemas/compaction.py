@@ -1,0 +1,36 @@
+"""What `analyze compact` did to a recording's images: in the file's metadata `percuss.compacted`."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from schemas.document import Document
+
+
+class StrikeChange(Document):
+    """Difference of a strike's motion by recoded images from that by the original ones."""
+
+    strike_id: str
+    phi_rad: float | None = Field(description="balance angle by the recoded images minus by the original")
+    k_relative: float | None = Field(description="the same of k, over k")
+
+
+class Compaction(Document):
+    """Recoding of a file's images, with the file that it was made from."""
+
+    source_content_id: str | None
+    """hash of the original file's messages, as in its seal; null if it had none"""
+    source_bytes: int = Field(ge=0, description="size of the original file")
+    software: str = Field(description="percuss version and git commit that recoded")
+    images: int = Field(ge=0, description="number of recoded images")
+    exact: bool
+    """True if every pixel is the original's"""
+    step: int = Field(default=0, ge=0, description="step of the quantisation [grey]; 0 for none")
+    noise_sd: float | None = Field(default=None, description="1 sigma of a pixel's noise [grey]")
+    cropped: bool = False
+    """True if the images are kept only where something moves"""
+    strikes: list[StrikeChange] = Field(default=[], description="empty if exact")
+
+
+COMPACTED_NAME = "percuss.compacted"
+"""name of the metadata record, whose entry `json` holds a Compaction"""

@@ -1,0 +1,238 @@
+"""Compacted recordings: the same pixels in half the bytes, and always one whole file."""
+
+import json
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analyze.compact.compact import CompactOptions, compact
+from analyze.compact.copy_file import stored_messages
+from analyze.compact.moving_region import BLOCK, moving_regions, noise_sd
+from analyze.compact.part_file import locked_part, part_path
+from analyze.errors import CompactError, RecordingError
+from analyze.pipeline.read_evidence import read_evidence, read_head
+from analyze.progress import no_progress
+from analyze.reading.indexed_file import open_finished
+from analyze.reading.recording import open_recording
+from analyze.reading.verify import refuse_changed_content
+from schemas.compaction import COMPACTED_NAME, Compaction
+from schemas.session_manifest import SEAL_NAME
+from tests.filmed_recording import filmed_recording
+from tests.quick_archive import body_of, quick_session
+
+KILLS = int(os.environ.get("PERCUSS_KILLS", "4"))
+"""kills in a test that kills; 50 for the figure in the benchmarks"""
+
+
+@pytest.fixture(scope="module")
+def raw(tmp_path_factory) -> Path:
+    """A session of two strikes with raw images."""
+    path = tmp_path_factory.mktemp("raw") / "session.mcap"
+    quick_session(path, body_of(1), 1, 2, raw=True)
+    return path
+
+
+@pytest.fixture
+def session(raw, tmp_path) -> Path:
+    path = tmp_path / raw.name
+    path.write_bytes(raw.read_bytes())
+    return path
+
+
+def pixels(path: Path) -> list[tuple[int, int, bytes]]:
+    with open_recording(path) as recording:
+        return [(each.time_ns, each.sequence, each.image.tobytes()) for each in recording.images()]
+
+
+def is_compact(path: Path) -> bool:
+    refuse_changed_content(path)
+    with closing(open_finished(path)) as file:
+        return COMPACTED_NAME in file.metadata
+
+
+def test_nothing_is_lost(raw, session):
+    [done] = compact(session, CompactOptions(), no_progress)
+    assert done.after == session.stat().st_size < 0.5 * raw.stat().st_size
+    assert pixels(session) == pixels(raw)
+    assert is_compact(session)
+    with closing(open_finished(raw)) as before, closing(open_finished(session)) as after:
+        assert before.attachments == after.attachments
+        own = {COMPACTED_NAME, SEAL_NAME}
+        assert before.metadata == {
+            name: entries
+            for name, entries in after.metadata.items()
+            if name not in own or (name in before.metadata and name != SEAL_NAME)
+        } | {SEAL_NAME: before.metadata[SEAL_NAME]}
+        others = [
+            [(topic, *message[1:4], bytes(message.data)) for topic, message in stored_messages(file.data)
+             if not topic.endswith("/image")]
+            for file in (before, after)
+        ]  # fmt: skip
+        assert others[0] == others[1]
+        said = Compaction.model_validate_json(after.metadata[COMPACTED_NAME]["json"])
+        assert said.exact
+        assert said.source_bytes == raw.stat().st_size
+        assert said.source_content_id == before.metadata[SEAL_NAME]["content_id"]
+    one, other = (read_evidence(read_head(path)).motions for path in (raw, session))
+    for before, after in zip(one, other, strict=True):
+        assert before.fit.phi == after.fit.phi
+        assert before.fit.k == after.fit.k
+
+
+def test_what_was_done_is_shown(session):
+    compact(session, CompactOptions(), no_progress)
+    done = subprocess.run(
+        [sys.executable, "-m", "analyze", "inspect", session], capture_output=True, text=True, check=True
+    )
+    assert "compacted by percuss" in done.stdout
+    assert "no pixel changed" in done.stdout
+
+
+def test_a_second_run_changes_nothing(session):
+    compact(session, CompactOptions(), no_progress)
+    content = session.read_bytes()
+    [done] = compact(session, CompactOptions(), no_progress)
+    assert done.compaction is None
+    assert session.read_bytes() == content
+
+
+def test_copies_may_go_elsewhere(raw, session, tmp_path):
+    folder = tmp_path / "small"
+    folder.mkdir()
+    compact(session, CompactOptions(), no_progress, folder)
+    assert session.read_bytes() == raw.read_bytes()
+    assert pixels(folder / session.name) == pixels(raw)
+    assert sorted(each.name for each in folder.iterdir()) == [session.name]
+
+
+@pytest.mark.timeout(600)
+def test_whenever_it_is_killed_one_of_the_two_is_whole(raw, tmp_path):
+    original = raw.read_bytes()
+    chance, outcomes = random.Random(1), []
+    path = tmp_path / raw.name
+    code = (
+        "import sys; from pathlib import Path; from analyze.compact.compact import *;"
+        "from analyze.progress import no_progress; print('begun', flush=True);"
+        "compact(Path(sys.argv[1]), CompactOptions(), no_progress)"
+    )
+    for _ in range(KILLS):
+        path.write_bytes(original)
+        with subprocess.Popen([sys.executable, "-c", code, path], stdout=subprocess.PIPE) as process:
+            assert process.stdout is not None
+            process.stdout.readline()
+            time.sleep(chance.uniform(0.0, 1.2))
+            process.send_signal(signal.SIGKILL)
+        outcomes.append(is_compact(path))
+        assert outcomes[-1] or path.read_bytes() == original
+        left = set(tmp_path.iterdir()) - {path}
+        assert left <= {part_path(path)}
+    path.write_bytes(original)
+    compact(path, CompactOptions(), no_progress)
+    assert list(tmp_path.iterdir()) == [path]
+    assert pixels(path) == pixels(raw)
+
+
+def test_a_damaged_recording_stays_as_it_is(session):
+    content = bytearray(session.read_bytes())
+    content[len(content) // 2] ^= 1
+    session.write_bytes(content)
+    with pytest.raises(RecordingError, match="damaged"):
+        compact(session, CompactOptions(), no_progress)
+    assert session.read_bytes() == content
+    assert list(session.parent.iterdir()) == [session]
+
+
+def test_a_full_disk_leaves_the_recording(session):
+    content = session.read_bytes()
+    command = [sys.executable, "-m", "analyze", "compact", str(session), "--json"]
+    done = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, 1 << 20)),
+    )
+    assert done.returncode == 1
+    assert "cannot be compacted: File too large: it stays as it is" in done.stderr
+    assert json.loads(done.stdout)["files"] == []
+    assert session.read_bytes() == content
+    assert list(session.parent.iterdir()) == [session]
+
+
+def test_two_at_once_are_refused(session):
+    with locked_part(session, 0o644), pytest.raises(CompactError, match="another process is compacting it"):
+        compact(session, CompactOptions(), no_progress)
+
+
+def test_a_recording_that_changes_meanwhile_is_not_replaced(session):
+    content = session.read_bytes() + b""
+
+    def edit(text: str, _done: int, _total: int) -> None:
+        if text.startswith("comparing"):
+            other = session.with_name("other")
+            other.write_bytes(content)
+            other.replace(session)
+
+    with pytest.raises(CompactError, match="was changed meanwhile"):
+        compact(session, CompactOptions(), edit)
+    assert session.read_bytes() == content
+    assert list(session.parent.iterdir()) == [session]
+
+
+def test_what_the_noise_covers_may_be_lost(tmp_path):
+    path = tmp_path / "carton.mcap"
+    filmed_recording(path, "carton", 1, 1)
+    size = path.stat().st_size
+    [done] = compact(path, CompactOptions(near_lossless=True, crop=True), no_progress)
+    assert done.after < 0.15 * size
+    assert done.compaction is not None
+    assert not done.compaction.exact
+    [strike] = done.compaction.strikes
+    assert abs(np.degrees(strike.phi_rad)) < 0.01
+    assert abs(strike.k_relative) < 1e-3
+    assert is_compact(path)
+
+
+def test_a_lossless_copy_may_be_made_smaller_later(session, raw):
+    compact(session, CompactOptions(), no_progress)
+    size = session.stat().st_size
+    [done] = compact(session, CompactOptions(near_lossless=True), no_progress)
+    assert done.after < size
+    assert done.compaction is not None
+    assert done.compaction.source_bytes == raw.stat().st_size
+    [again] = compact(session, CompactOptions(), no_progress)
+    assert again.compaction is None
+
+
+def test_noise_is_measured_beside_what_moves():
+    rng = np.random.default_rng(1)
+    images = [np.rint(rng.normal(100, 2.3, (200, 300))).astype(np.uint8) for _ in range(8)]
+    for number, image in enumerate(images):
+        image[50:80, 20 * number : 20 * number + 30] = 240
+    assert noise_sd(images) == pytest.approx(2.3, rel=0.1)
+
+
+def test_the_region_holds_the_object_while_it_rests_and_moves():
+    rng = np.random.default_rng(2)
+    images, boxes = [], []
+    for number in range(64):
+        left = 40 + 6 * min(max(number - 20, 0), 24)
+        image = np.rint(rng.normal(100, 2.0, (240, 320))).astype(np.uint8)
+        image[100:160, left : left + 40] = 180
+        images.append(image)
+        boxes.append((slice(100, 160), slice(left, left + 40)))
+    regions = moving_regions(images, 2.0)
+    assert regions is not None
+    for number, box in enumerate(boxes):
+        assert regions[number // BLOCK][box].all()
+    assert np.mean(regions) < 0.3
+    assert moving_regions(images[:16], 2.0) is None
