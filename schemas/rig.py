@@ -332,6 +332,10 @@ class RecorderConfig(Document):
         default=6.0, gt=0, le=MAX_WAIT_S, description="longest window; it is then closed [s]"
     )
     image_format: Literal["raw", "png"] = Field(default="raw", description="raw pixels, or PNG without loss")
+    compact: Literal["never", "after-session"] = Field(
+        default="never",
+        description="after-session: `analyze compact` halves a recording without loss, between sessions",
+    )
     disk_reserve_bytes: int = Field(
         default=1 << 30, ge=0, le=MAX_BYTES, description="disk space that recordings leave free [bytes]"
     )

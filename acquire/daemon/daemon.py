@@ -24,6 +24,7 @@ from acquire.clock.clock import SystemClock
 from acquire.config import RigLimits
 from acquire.daemon.adviser import Adviser
 from acquire.daemon.attendance import Attendance
+from acquire.daemon.compactor import Compactor
 from acquire.daemon.live_recording import LiveRecording
 from acquire.daemon.prompts import Prompts
 from acquire.daemon.server import ApiServer, Connection
@@ -67,6 +68,7 @@ class Daemon:
         self._control = StrikerControl(self._make_striker(), self._recording.require_space)
         self._prompts = Prompts(self._publish, lambda: self._control.stopped)
         self._adviser = Adviser(lambda estimate: self._publish("estimate", estimate.model_dump(mode="json")))
+        self._compactor = Compactor(config.recorder.compact == "after-session", self._complain)
         self._attendance = Attendance(self._publish, lambda: self._control.stopped)
         self._board = SessionBoard(self._publish)
         self._server: ApiServer | None = None
@@ -99,10 +101,8 @@ class Daemon:
                 complain=self._complain,
                 greet=self._prompts.repeat,
             )
-            cleanup.callback(self._server.close)
-            cleanup.callback(self._prompts.close)
-            cleanup.callback(self._adviser.close)
-            cleanup.callback(self._attendance.close)
+            for part in (self._server, self._prompts, self._adviser, self._compactor, self._attendance):
+                cleanup.callback(part.close)
             cleanup.callback(self._capture.stop)
             self._camera = self._capture.start()
             cleanup.callback(self._join_reviver)
@@ -159,7 +159,7 @@ class Daemon:
             "rig": lambda *_: RigLimits.from_config(self._config).as_dict(),
             "shutdown": self._shutdown,
             "recording.open": self._open_recording,
-            "recording.close": lambda *_: self._recording.close(),
+            "recording.close": lambda *_: self._close_recording(),
             "striker.stop": self._stop_striker,
             "watch.latest": self._latest,
             "prompt.answer": self._prompts.answer,
@@ -202,16 +202,22 @@ class Daemon:
         stops = self._control.stops
         self._adviser.close()
         manifest = self._recording.open(connection, params, self._camera)
+        self._compactor.pause()
         self._control.clear_stops(stops)  # a person starts again
         self._attendance.begin_session()
         self._board.begin_session()
         connection.on_close.append(lambda: self._owner_left(connection))
         return {"recording_id": manifest.recording_id, "wall_anchor_ns": manifest.wall_anchor_ns}
 
+    def _close_recording(self) -> dict[str, Any]:
+        closed = self._recording.close()
+        self._compactor.take(closed["files"])
+        return closed
+
     def _end_recording(self) -> None:
         if self._recording.owner is not None:
             with contextlib.suppress(SessionError):  # its client closed it first
-                self._recording.close()
+                self._close_recording()
 
     def _owner_left(self, connection: Connection) -> None:
         """Stop the striker and close the recording when the client that opened it has gone.
@@ -221,7 +227,7 @@ class Daemon:
         if self._recording.owner is connection:
             self._control.striker.stop()
             with contextlib.suppress(AcquireError):
-                self._recording.close()
+                self._close_recording()
 
     def _write_state(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
         self._recording.wait_until_recording()

@@ -1,0 +1,101 @@
+"""Compacts finished recordings between sessions, if the rig file asks for it: `analyze compact` as a child.
+
+It has the lowest priority, waits until the recording has been left alone for a while, and ends when the next
+one begins: what it was at is begun anew afterwards. A recording is whole whenever the child ends.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+WAIT_S = 60.0
+"""time after a session before its recording is compacted [s]: its answer comes first"""
+
+
+class Compactor:
+    """Queue of recordings to be compacted, and the child process that is at the first of them.
+
+    Args:
+        asked: True if recordings are to be compacted.
+        complain: called with one line on a recording that cannot be.
+        wait_s: time after a session before its recording is compacted [s].
+    """
+
+    def __init__(self, asked: bool, complain: Callable[[str], None], wait_s: float = WAIT_S) -> None:
+        self._asked, self._complain, self._wait_s = asked, complain, wait_s
+        self._queue: list[Path] = []
+        self._process: subprocess.Popen[str] | None = None
+        self._paused = False
+        self._closed = False
+        self._changed = threading.Condition()
+        self._thread: threading.Thread | None = None
+
+    def take(self, files: Sequence[str]) -> None:
+        """Compact the files of a recording that has ended, and those that were left before."""
+        with self._changed:
+            self._paused = False
+            if self._asked:
+                self._queue += [Path(file) for file in files]
+                if self._thread is None:
+                    self._thread = threading.Thread(target=self._run, name="compactor", daemon=True)
+                    self._thread.start()
+            self._changed.notify_all()
+
+    def pause(self) -> None:
+        """End the child process until the next recording has ended."""
+        with self._changed:
+            self._paused = True
+            self._end()
+
+    def close(self) -> None:
+        """End the child process for good."""
+        with self._changed:
+            self._closed = True
+            self._end()
+            thread = self._thread
+        if thread is not None:
+            thread.join()
+
+    def _end(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+        self._changed.notify_all()
+
+    def _run(self) -> None:
+        while (path := self._next()) is not None:
+            command = ["nice", "-n", "19", sys.executable, "-m", "analyze", "compact", str(path)]
+            with self._changed:
+                if self._paused or self._closed:
+                    continue
+                self._process = subprocess.Popen(
+                    command,
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.PIPE,
+                    text=True,
+                    start_new_session=True,  # only the daemon handles a terminal's Ctrl-C
+                )
+            _, said = self._process.communicate()
+            with self._changed:
+                ended, self._process = self._process.returncode, None
+                if ended < 0 and (self._paused or self._closed):
+                    continue
+                self._queue.remove(path)
+            if ended:
+                self._complain(said.strip().splitlines()[-1] if said.strip() else f"{path}: not compacted")
+
+    def _next(self) -> Path | None:
+        """The next recording, once there is one and the time for it has come; None when all is over."""
+        with self._changed:
+            while not self._closed:
+                if self._queue and not self._paused:
+                    waited = not self._changed.wait(self._wait_s)
+                    if waited and self._queue and not self._paused and not self._closed:
+                        return self._queue[0]
+                else:
+                    self._changed.wait()
+            return None
