@@ -13,7 +13,7 @@ OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(basename $(notdir $(OBJECT)))-$(SEED).mcap
 
-.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-console bench-honesty bench-contents bench-adaptive attack bench-world-sessions bench-batch bench-import bench-unplanned bench-world bench-world-strikes bench-devices bench-read-rate bench-late-stamps bench-servo-safety protos lock clean bench-contact bench-tosses bench-thrown bench-toss-time bench-import-tosses bench-mat bench-print bench-print-cards bench-print-tosses bench-print-traced
+.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-console bench-honesty bench-contents bench-adaptive attack bench-world-sessions bench-batch bench-import bench-unplanned bench-world bench-world-strikes bench-devices bench-read-rate bench-late-stamps bench-servo-safety protos lock clean bench-contact bench-tosses bench-thrown bench-toss-time bench-import-tosses bench-mat bench-print bench-print-cards bench-print-tosses bench-print-traced bench-compact
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -53,10 +53,12 @@ demo: setup  ## a whole session on the virtual rig, and its answer compared with
 	@$(BIN)/analyze replay $(DEMO_FILE) --save $(DEMO_FILE:.mcap=.rrd)
 	@echo "next: source $(BIN)/activate, then analyze and acquire are commands of this shell"
 
-# What only computes runs on all cores. What keeps time with devices mostly waits for them. Long files first (tests/conftest.py), lest one worker ends alone.
+# What only computes runs on all cores. What keeps time with devices mostly waits for them. Whole rigs, which simulate a world in real time, run one by one.
+# Long files first (tests/conftest.py), lest one worker ends alone.
 PAGES := tests/acquire/console/web/pages
 COMPUTING := tests/analyze tests/attack tests/world tests/schemas tests/docs tests/test_architecture.py tests/test_source_rules.py $(PAGES)
-TIMED := tests/system tests/contracts tests/acquire
+TIMED := tests/contracts tests/acquire
+RIGS := tests/system
 
 # Where the environment forbids bytecode every worker compiles the tests anew and every program that a test starts itself: 40 s of CPU.
 test test-slow: export PYTHONDONTWRITEBYTECODE :=
@@ -64,6 +66,7 @@ test test-slow: export PYTHONDONTWRITEBYTECODE :=
 test: setup $(VENV)/.browser  ## every test that needs no hardware
 	@$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations=12 $(COMPUTING)
 	@$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --durations=12 --ignore=$(PAGES) $(TIMED)
+	@$(BIN)/python -m pytest --durations=12 $(RIGS)
 
 test-slow: setup $(VENV)/.browser  ## the tests that take longer: faults, whole sessions
 	@$(BIN)/python -m pytest -m 'slow and not hardware'
@@ -249,7 +252,7 @@ bench-servo-safety: setup  ## faults of servos, with and without the striker's p
 	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.servo_safety
 
 CONTACT ?=
-bench-mat: setup  ## camera poses by 40 rendered mats against the truth; bumped cameras found (four minutes)
+bench-mat: setup  ## camera poses by 40 rendered mats against the truth; bumped cameras found (ten minutes)
 	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.mat
 
 bench-print: setup  ## strikes by the object's print beside the same strikes by tags; disturbed strikes (PRINT="--seeds 1 --objects carton --strikes 4", PRINT="--disturbed --seeds 1") (hours)
@@ -264,6 +267,10 @@ bench-print-tosses: setup  ## three tosses of untagged objects, followed by thei
 bench-print-traced: setup  ## strikes by print in a path tracer's films (installs Mitsuba); (TRACED="--objects carton --styles photo") (hours)
 	@$(BIN)/uv pip install -q --python $(BIN)/python --no-deps --require-hashes -r tests/benchmarks/traced_films.lock
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.print_traced $(TRACED)
+
+COMPACT ?=
+bench-compact: setup  ## recordings before and after `analyze compact`: size, time, the answer (COMPACT="--seeds 1 --objects carton") (fifteen minutes)
+	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.compact $(COMPACT)
 
 bench-contact: setup  ## friction, restitution and predicted strikes against truth on seven tables, five objects (CONTACT="--seeds 1 --objects carton") (an hour)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.contact $(CONTACT)
