@@ -1,8 +1,10 @@
-"""What `analyze compact` did to a recording's images: in the file's metadata `percuss.compacted`."""
+"""Record of how `analyze compact` recoded a recording's images: the file's metadata `percuss.compacted`."""
 
 from __future__ import annotations
 
-from pydantic import Field
+from collections.abc import Mapping
+
+from pydantic import Field, ValidationError
 
 from schemas.document import Document
 
@@ -34,3 +36,11 @@ class Compaction(Document):
 
 COMPACTED_NAME = "percuss.compacted"
 """name of the metadata record, whose entry `json` holds a Compaction"""
+
+
+def parse_compaction(entries: Mapping[str, str]) -> Compaction | None:
+    """Compaction in the entries of its metadata record; None if it cannot be read."""
+    try:
+        return Compaction.model_validate_json(entries.get("json", ""))
+    except ValidationError:
+        return None

@@ -1,11 +1,12 @@
-"""Compacts finished recordings between sessions, if the rig file asks for it: `analyze compact` as a child.
+"""Compacts finished recordings between sessions, if the rig file asks for it, by a child `analyze compact`.
 
 It has the lowest priority, waits until the recording has been left alone for a while, and ends when the next
-one begins: what it was at is begun anew afterwards. A recording is whole whenever the child ends.
+one begins: that recording is begun anew afterwards. A recording is whole whenever the child ends.
 """
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 import threading
@@ -17,28 +18,28 @@ WAIT_S = 60.0
 
 
 class Compactor:
-    """Queue of recordings to be compacted, and the child process that is at the first of them.
+    """Queue of recordings to be compacted, and the child process that compacts the first of them.
 
     Args:
-        asked: True if recordings are to be compacted.
+        enabled: True if recordings are to be compacted.
         complain: called with one line on a recording that cannot be.
         wait_s: time after a session before its recording is compacted [s].
     """
 
-    def __init__(self, asked: bool, complain: Callable[[str], None], wait_s: float = WAIT_S) -> None:
-        self._asked, self._complain, self._wait_s = asked, complain, wait_s
+    def __init__(self, enabled: bool, complain: Callable[[str], None], wait_s: float = WAIT_S) -> None:
+        self._enabled, self._complain, self._wait_s = enabled, complain, wait_s
         self._queue: list[Path] = []
         self._process: subprocess.Popen[str] | None = None
-        self._paused = False
+        self._paused = self._interrupted = False
         self._closed = False
         self._changed = threading.Condition()
         self._thread: threading.Thread | None = None
 
-    def take(self, files: Sequence[str]) -> None:
+    def enqueue(self, files: Sequence[str]) -> None:
         """Compact the files of a recording that has ended, and those that were left before."""
         with self._changed:
             self._paused = False
-            if self._asked:
+            if self._enabled:
                 self._queue += [Path(file) for file in files]
                 if self._thread is None:
                     self._thread = threading.Thread(target=self._run, name="compactor", daemon=True)
@@ -62,7 +63,8 @@ class Compactor:
 
     def _end(self) -> None:
         if self._process is not None:
-            self._process.kill()
+            self._interrupted = True
+            self._process.send_signal(signal.SIGINT)  # it removes its unfinished copy
         self._changed.notify_all()
 
     def _run(self) -> None:
@@ -71,22 +73,29 @@ class Compactor:
             with self._changed:
                 if self._paused or self._closed:
                     continue
-                self._process = subprocess.Popen(
-                    command,
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
-                    stderr=subprocess.PIPE,
-                    text=True,
-                    start_new_session=True,  # only the daemon handles a terminal's Ctrl-C
-                )
-            _, said = self._process.communicate()
+                self._interrupted, problem = False, ""
+                try:
+                    process = self._process = subprocess.Popen(
+                        command,
+                        stdin=subprocess.DEVNULL,
+                        stdout=subprocess.DEVNULL,
+                        stderr=subprocess.PIPE,
+                        text=True,
+                        start_new_session=True,  # only the daemon handles a terminal's Ctrl-C
+                    )
+                except OSError as error:
+                    process, problem = None, f"{path}: not compacted: {error.strerror}"
+            if process is not None:
+                _, written = process.communicate()
+                lines = written.strip().splitlines() or [f"{path}: not compacted"]
+                problem = lines[-1] if process.returncode else ""
             with self._changed:
-                ended, self._process = self._process.returncode, None
-                if ended < 0 and (self._paused or self._closed):
+                self._process = None
+                if self._interrupted:
                     continue
                 self._queue.remove(path)
-            if ended:
-                self._complain(said.strip().splitlines()[-1] if said.strip() else f"{path}: not compacted")
+            if problem:
+                self._complain(problem)
 
     def _next(self) -> Path | None:
         """The next recording, once there is one and the time for it has come; None when all is over."""

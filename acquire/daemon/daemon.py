@@ -211,7 +211,7 @@ class Daemon:
 
     def _close_recording(self) -> dict[str, Any]:
         closed = self._recording.close()
-        self._compactor.take(closed["files"])
+        self._compactor.enqueue(closed["files"])
         return closed
 
     def _end_recording(self) -> None:

@@ -15,7 +15,7 @@ from schemas.mcap import records as container
 from schemas.mcap.chunks import PendingMessages, chunk_messages
 from schemas.mcap.content_hash import ContentHash
 from schemas.mcap.record_writer import RecordWriter, pack_topic
-from schemas.mcap.records import Buffer, ChannelRecord, ContainerError, MessageRecord
+from schemas.mcap.records import Buffer, ChannelRecord, ContainerError, MessageRecord, MetadataRecord
 from schemas.mcap.summary import DATA_END_SIZE, Summary, find_summary
 from schemas.mcap.walk import walk, walk_messages
 from schemas.session_manifest import SEAL_NAME
@@ -23,6 +23,8 @@ from schemas.topics import Topic
 
 CodingOf = Callable[[str, int], Coding]
 """coding of the image of a topic with a log time [ns]"""
+_LEFT_OUT = {container.HEADER, container.MESSAGE_INDEX, container.PADDING}
+"""kinds of records that a copy has of its own"""
 Tick = Callable[[int], None]
 """called with the number of bytes of the source that are done"""
 
@@ -42,11 +44,9 @@ class Copied:
     metadata: list[tuple[str, dict[str, str]]]
     """metadata records that follow the last message, without the seal"""
     seal: dict[str, str]
-    """entries of the source's seal"""
+    """entries of the source's seal; empty if it has none"""
     images: int
     """number of images in another coding"""
-    exact: bool
-    """True if all of them have their pixels unchanged"""
 
     def finish(self, entries: dict[str, str]) -> None:
         """Write what follows the messages, with this metadata on the coding, to the end of the file; again.
@@ -60,7 +60,8 @@ class Copied:
         for name, values in self.metadata:
             self.writer.write_metadata(name, values)
         self.writer.write_metadata(COMPACTED_NAME, entries)
-        self.writer.write_metadata(SEAL_NAME, self.seal | {"content_id": self.content_id})
+        if self.seal:
+            self.writer.write_metadata(SEAL_NAME, self.seal | {"content_id": self.content_id})
         self.writer.end()
         os.fsync(self.fd)
 
@@ -81,7 +82,21 @@ class _Copy:
     """type of the messages of each channel of images"""
     digest: ContentHash = field(default_factory=ContentHash)
     images: int = 0
-    exact: bool = True
+    tail: list[tuple[str, dict[str, str]]] = field(default_factory=list[tuple[str, dict[str, str]]])
+    """metadata that follow the first message"""
+    seal: dict[str, str] = field(default_factory=dict[str, str])
+    began: bool = False
+    """True once there are messages"""
+
+    def metadata(self, record: MetadataRecord) -> None:
+        """Write metadata, or keep what follows messages for the end; that on a coding is made anew."""
+        if record.name == SEAL_NAME:
+            self.seal = record.entries
+        elif record.name != COMPACTED_NAME:
+            if self.began:
+                self.tail.append((record.name, record.entries))
+            else:
+                self.writer.write_metadata(record.name, record.entries)
 
     def channel(self, channel: ChannelRecord, whole: bytes) -> None:
         """Declare a channel, with the schema that its messages will have."""
@@ -100,6 +115,7 @@ class _Copy:
 
     def chunk(self, records: memoryview) -> None:
         """Write the messages of a chunk, images in their new coding."""
+        self.began = True
         pending = PendingMessages()
         for _, message in walk_messages(records):
             data = self._data(message)
@@ -122,8 +138,7 @@ class _Copy:
         if recoded is None:
             return message.data
         self.images += 1
-        self.exact &= recoded.exact
-        return recoded.data
+        return recoded
 
 
 def copy_recoded(data: memoryview, fd: int, coding_of: CodingOf, tick: Tick) -> Copied:
@@ -141,20 +156,11 @@ def copy_recoded(data: memoryview, fd: int, coding_of: CodingOf, tick: Tick) -> 
     """
     writer = RecordWriter(lambda buffers: _write_all(fd, buffers))
     copy = _Copy(writer, coding_of)
-    tail: list[tuple[str, dict[str, str]]] = []
-    seal: dict[str, str] = {}
-    began = False
     writer.begin()
     for opcode, at, body in _records(data):
         whole = data[at : at + container.RECORD_HEAD + len(body)]
         if opcode == container.METADATA:
-            metadata = container.parse_metadata(body)
-            if metadata.name == SEAL_NAME:
-                seal = metadata.entries
-            elif began:
-                tail.append((metadata.name, metadata.entries))
-            elif metadata.name != COMPACTED_NAME:
-                writer.write_metadata(metadata.name, metadata.entries)
+            copy.metadata(container.parse_metadata(body))
         elif opcode == container.ATTACHMENT:
             writer.copy_attachment(whole, container.parse_attachment(body))
         elif opcode == container.SCHEMA:
@@ -163,12 +169,12 @@ def copy_recoded(data: memoryview, fd: int, coding_of: CodingOf, tick: Tick) -> 
         elif opcode == container.CHANNEL:
             copy.channel(container.parse_channel(body), bytes(whole))
         elif opcode == container.CHUNK:
-            began = True
             copy.chunk(chunk_messages(container.parse_chunk(body)))
+        elif opcode not in _LEFT_OUT:
+            raise ContainerError(f"a record of kind {opcode} at byte {at} is none of a recording's")
         tick(at)
-    tail = [(name, values) for name, values in tail if name != COMPACTED_NAME]
     content_id, summary = copy.digest.hexdigest(), deepcopy(writer.summary)
-    return Copied(writer, fd, content_id, writer.size, summary, tail, seal, copy.images, copy.exact)
+    return Copied(writer, fd, content_id, writer.size, summary, copy.tail, copy.seal, copy.images)
 
 
 def stored_messages(data: memoryview) -> Iterator[tuple[str, MessageRecord]]:

@@ -40,6 +40,8 @@ _PNG = [
 GREY = 128
 """value of the pixels outside of a region that is kept"""
 _FREQUENCIES = 64
+_ROUNDING = 0.5
+"""largest rms by which decoders round grey values [grey]"""
 
 
 @dataclass(frozen=True)
@@ -51,21 +53,16 @@ class Coding:
     kept: NDArray[np.bool_] | None = None
     """(h, w) True where the image is kept; None for all of it"""
 
-
-@dataclass(frozen=True)
-class RecodedImage:
-    """Message of an image in its new coding."""
-
-    data: bytes
-    """serialised CompressedImage"""
-    exact: bool
-    """True if no pixel differs from the raw image's"""
+    @property
+    def exact(self) -> bool:
+        """True if no pixel changes."""
+        return self.step == 0 and self.kept is None
 
 
-def recode(schema: str, data: memoryview, coding: Coding) -> RecodedImage | None:
-    """An image in another coding, which has been decoded again and compared; None if it stays as it is.
+def recode(schema: str, data: memoryview, coding: Coding) -> bytes | None:
+    """An image's message in another coding; None if it stays as it is.
 
-    What is coded already stays, but for PNG that is to be quantised or cut.
+    What is coded already stays, but for PNG of 8-bit grey values that is to be quantised or cut.
 
     Args:
         schema: type of the message.
@@ -73,40 +70,58 @@ def recode(schema: str, data: memoryview, coding: Coding) -> RecodedImage | None
         coding: how the image is to be stored.
 
     Raises:
-        ContainerError: the message is damaged, no image of 8-bit grey values, or the coding lost more than it
-            states.
+        ContainerError: the message is damaged, or no image of 8-bit grey values.
     """
-    exact = coding.step == 0 and coding.kept is None
     head = _head(schema, data)
-    if isinstance(head, CompressedImage) and (exact or head.format != "png"):
+    if isinstance(head, CompressedImage) and (coding.exact or not _is_grey_png(data)):
         return None
-    pixels = decode_image(schema, data)
-    wanted = pixels if coding.kept is None else np.where(coding.kept, pixels, np.uint8(GREY))
-    message = CompressedImage(
+    wanted = _wanted(decode_image(schema, data), coding)
+    return CompressedImage(
         timestamp=head.timestamp,
         frame_id=head.frame_id,
         data=_jpeg(wanted, coding.step) if coding.step else _png(wanted),
         format="jpeg" if coding.step else "png",
     ).SerializeToString(deterministic=True)
-    back = decode_image(COMPRESSED, memoryview(message))
-    off = float(np.sqrt(np.mean((back.astype(np.float32) - wanted) ** 2)))
-    if back.shape != wanted.shape or off > 0.5 * coding.step:
-        raise ContainerError(f"an image came back {off:.2g} grey levels off")
-    return RecodedImage(message, exact)
 
 
-def same_image(raw: memoryview, recoded: memoryview) -> bool:
-    """True if a recoded image has the time, the frame and every pixel of the raw one.
+def is_recoded(schema: str, before: memoryview, after: memoryview, coding: Coding) -> bool:
+    """True if a message is the given image in the coding: its time and frame, and the pixels that it keeps.
+
+    Without quantisation every pixel must be the same; else their rms difference at most what rounding to the
+    step makes.
+
+    Args:
+        schema: type of the message before.
+        before: serialised RawImage or CompressedImage.
+        after: serialised CompressedImage.
+        coding: how the image is stored.
 
     Raises:
         ContainerError: one of them is damaged.
     """
-    before, after = _head(RAW, raw), _head(COMPRESSED, recoded)
-    return (
-        before.timestamp == after.timestamp
-        and before.frame_id == after.frame_id
-        and np.array_equal(decode_image(RAW, raw), decode_image(COMPRESSED, recoded))
-    )
+    one, other = _head(schema, before), _head(COMPRESSED, after)
+    wanted = _wanted(decode_image(schema, before), coding)
+    found = decode_image(COMPRESSED, after)
+    if one.timestamp != other.timestamp or one.frame_id != other.frame_id or wanted.shape != found.shape:
+        return False
+    if not coding.step:
+        return np.array_equal(wanted, found)
+    off = float(np.sqrt(np.mean((wanted.astype(np.float32) - found) ** 2)))
+    return off <= coding.step / np.sqrt(12.0) + _ROUNDING
+
+
+def _wanted(image: NDArray[np.uint8], coding: Coding) -> NDArray[np.uint8]:
+    """Image (h, w) with what is not kept in one grey."""
+    return image if coding.kept is None else np.where(coding.kept, image, np.uint8(GREY))
+
+
+def _is_grey_png(data: memoryview) -> bool:
+    """True for a CompressedImage that is a PNG of 8-bit grey values."""
+    message = CompressedImage.FromString(bytes(data))
+    if message.format != "png":
+        return False
+    image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
+    return image is not None and image.ndim == 2 and image.dtype == np.uint8
 
 
 def _head(schema: str, data: memoryview) -> RawImage | CompressedImage:

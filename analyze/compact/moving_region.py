@@ -62,10 +62,17 @@ def moving_regions(images: Sequence[NDArray[np.uint8]], noise: float) -> list[ND
         noise: standard deviation of a pixel's noise [grey].
     """
     limit = max(_CHANGED * noise / (2.0 * math.sqrt(math.pi) * _BLUR_PX), _LEAST_CHANGE)
-    soft = [cv2.GaussianBlur(image, (0, 0), _BLUR_PX).astype(np.float32) for image in images]
+    least, most = [], []
+    for first in range(0, len(images), _BESIDE):
+        soft = [cv2.GaussianBlur(image, (0, 0), _BLUR_PX) for image in images[first : first + _BESIDE]]
+        least.append(np.min(soft, axis=0))
+        most.append(np.max(soft, axis=0))
+    parts = BLOCK // _BESIDE
     regions = [
-        _changed(soft[max(first - _BESIDE, 0) : first + BLOCK + _BESIDE], limit)
-        for first in range(0, len(soft), BLOCK)
+        _changed(
+            least[max(first - 1, 0) : first + parts + 1], most[max(first - 1, 0) : first + parts + 1], limit
+        )
+        for first in range(0, len(least), parts)
     ]
     moving = [number for number, region in enumerate(regions) if region is not None]
     if not moving:
@@ -80,9 +87,18 @@ def moving_regions(images: Sequence[NDArray[np.uint8]], noise: float) -> list[ND
     return found
 
 
-def _changed(soft: Sequence[NDArray[np.float32]], limit: float) -> NDArray[np.bool_] | None:
-    """Hull, with a margin and in whole blocks of JPEG, of what changes in blurred images; None if nothing."""
-    changed = (np.max(soft, axis=0) - np.min(soft, axis=0) > limit).astype(np.uint8)
+def _changed(
+    least: Sequence[NDArray[np.uint8]], most: Sequence[NDArray[np.uint8]], limit: float
+) -> NDArray[np.bool_] | None:
+    """Hull, with a margin and in whole blocks of JPEG, of what changes in blurred images; None if nothing.
+
+    Args:
+        least: least values (h, w) of groups of images.
+        most: largest values (h, w) of the same.
+        limit: change beyond noise [grey].
+    """
+    span = np.max(most, axis=0).astype(np.int16) - np.min(least, axis=0)
+    changed = (span > limit).astype(np.uint8)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(changed)
     large = [number for number in range(1, count) if stats[number, cv2.CC_STAT_AREA] >= _LEAST_PX]
     rows, columns = np.nonzero(np.isin(labels, large))

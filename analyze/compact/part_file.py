@@ -20,14 +20,13 @@ def part_path(path: Path) -> Path:
 
 
 @contextmanager
-def locked_part(path: Path, mode: int) -> Iterator[int]:
+def locked_part(path: Path) -> Iterator[int]:
     """Create, or empty, the unfinished copy of a file; yield it open for writing, and remove it afterwards.
 
     What a killed run left is written anew. If it was given its final name meanwhile, nothing is removed.
 
     Args:
         path: final path of the copy.
-        mode: permissions of the copy.
 
     Raises:
         CompactError: another process compacts the file.
@@ -46,7 +45,6 @@ def locked_part(path: Path, mode: int) -> Iterator[int]:
         os.close(fd)  # it has become the recording
     try:
         os.ftruncate(fd, 0)
-        os.fchmod(fd, mode)
         yield fd
     finally:
         if _is_at(part, fd):
@@ -55,18 +53,34 @@ def locked_part(path: Path, mode: int) -> Iterator[int]:
         os.close(fd)
 
 
-def publish(target: Path) -> None:
-    """Give a copy its final name, which it has on the disk from then on.
+def publish(target: Path, fd: int) -> None:
+    """Give a copy the name, owner and permissions of the file that it replaces, forced to the disk.
+
+    Args:
+        target: file to be replaced.
+        fd: the copy, open.
 
     Raises:
+        CompactError: the copy is no longer there, or cannot be given to the file's owner.
         OSError: it cannot be renamed.
     """
+    before = target.stat()
+    if (before.st_uid, before.st_gid) != (os.fstat(fd).st_uid, os.fstat(fd).st_gid):
+        try:
+            os.fchown(fd, before.st_uid, before.st_gid)
+        except PermissionError:
+            raise CompactError(f"{target}: belongs to another user: compact it as that user") from None
+    os.fchmod(fd, before.st_mode & 0o7777)
+    os.fsync(fd)
+    if not _is_at(part_path(target), fd):
+        raise CompactError(f"{target}: its copy {part_path(target).name} was removed meanwhile: run it again")
     part_path(target).replace(target)
-    folder = os.open(target.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
+    with suppress(OSError):  # the disk has one of the two in any case
+        folder = os.open(target.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
 
 
 def _is_at(part: Path, fd: int) -> bool:

@@ -26,7 +26,7 @@ from analyze.reading.topic_info import TopicInfo
 from analyze.reading.video_frame_meta import expand_frame_meta
 from analyze.types import ImageFrame
 from schemas import topics
-from schemas.compaction import COMPACTED_NAME, Compaction
+from schemas.compaction import COMPACTED_NAME, parse_compaction
 from schemas.mcap.records import ContainerError
 from schemas.object_spec import ObjectSpec
 from schemas.proto import percuss_pb2 as pb
@@ -82,9 +82,9 @@ class Recording:
             for line in file.metadata.get(RECOVERED_NAME, {}).get("lines", "").splitlines()
         )
         """what `acquire recover` lost, found changed or could not verify in the files; each a line"""
-        coded = [file.metadata[COMPACTED_NAME] for file in series.files if COMPACTED_NAME in file.metadata]
-        self.compactions = tuple(Compaction.model_validate_json(entries.get("json", "")) for entries in coded)
-        """what `analyze compact` did to the files' images"""
+        read = [parse_compaction(file.metadata.get(COMPACTED_NAME, {})) for file in series.files]
+        self.compactions = tuple(each for each in read if each is not None)
+        """how `analyze compact` recoded the files' images"""
 
     # --- head
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from analyze.verbs.options import one_line, path_option
+from analyze.verbs.options import one_line
 from schemas.plain_text import echo
 from schemas.wording import counted
 
@@ -28,12 +28,9 @@ _SOME_FAILED = 3
     " leave the recording as it is.",
 )
 @click.option("--crop", is_flag=True, help="Keep only the part of the image in which something moves.")
-@path_option("--out", help="Folder for copies, which exists.  [default: the recordings are replaced]")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @one_line
-def compact(
-    places: tuple[str, ...], near_lossless: bool, crop: bool, out: Path | None, as_json: bool
-) -> None:
+def compact(places: tuple[str, ...], near_lossless: bool, crop: bool, as_json: bool) -> None:
     """Store the images of recordings, or of all in a folder, in half the bytes, without loss.
 
     Each copy is read back and compared with the recording before it takes its place: whenever the command is
@@ -45,15 +42,14 @@ def compact(
     from analyze.errors import AnalyzeError
     from analyze.progress import ProgressBar
 
-    if out is not None and not out.is_dir():
-        raise click.UsageError(f"{out}: is no folder: create it first")
     options = CompactOptions(near_lossless, crop)
     done: list[Compacted] = []
     problems: list[str] = []
     with ProgressBar() as progress:
         for source in find_sources(places):
             try:
-                done += compact_recording(Path(source.url), options, progress, out)
+                # What is done before an error stays in the list.
+                done.extend(compact_recording(Path(source.url), options, progress))
             except OSError as error:
                 problems.append(f"{source.url}: cannot be compacted: {error.strerror}: it stays as it is")
             except AnalyzeError as error:

@@ -72,7 +72,7 @@ def rows_of(source: Path, frames: int) -> list[Row]:
         shutil.copy(source, path)
         begun = time.process_time()
         try:
-            compact(path, options, no_progress)
+            list(compact(path, options, no_progress))
         except AnalyzeError as error:
             found.append(Row(kind, 1.0, math.nan, math.nan, math.nan, math.nan, str(error)))
             continue

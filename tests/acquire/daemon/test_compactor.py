@@ -38,20 +38,32 @@ def until(reached: Callable[[], bool]) -> bool:
 def test_it_waits_for_the_end_of_the_next_session(tmp_path, compactor, complaints):
     path = tmp_path / "s.mcap"
     size = session(path)
-    compactor.take([str(path)])
+    compactor.enqueue([str(path)])
     compactor.pause()
     time.sleep(1.0)
     assert path.stat().st_size == size
-    compactor.take([])
+    compactor.enqueue([])
     assert until(lambda: path.stat().st_size < 0.5 * size)
     assert complaints == []
+
+
+def test_a_session_that_ends_at_once_loses_no_recording(tmp_path, compactor, complaints):
+    path = tmp_path / "s.mcap"
+    size = session(path)
+    compactor.enqueue([str(path)])
+    assert until(lambda: compactor._process is not None)
+    compactor.pause()
+    compactor.enqueue([])
+    assert until(lambda: path.stat().st_size < 0.5 * size)
+    assert complaints == []
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_recording_that_cannot_be_is_named_and_the_next_one_is(tmp_path, compactor, complaints):
     path = tmp_path / "s.mcap"
     size = session(path)
     (tmp_path / "bad.mcap").write_bytes(b"no recording")
-    compactor.take([str(tmp_path / "bad.mcap"), str(path)])
+    compactor.enqueue([str(tmp_path / "bad.mcap"), str(path)])
     assert until(lambda: path.stat().st_size < 0.5 * size)
     [complaint] = complaints
     assert "bad.mcap" in complaint
@@ -62,6 +74,6 @@ def test_without_the_setting_nothing_happens(tmp_path):
     path = tmp_path / "s.mcap"
     size = session(path)
     with closing(Compactor(False, print, wait_s=0.0)) as idle:
-        idle.take([str(path)])
+        idle.enqueue([str(path)])
         time.sleep(0.3)
     assert path.stat().st_size == size

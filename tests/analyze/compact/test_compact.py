@@ -11,16 +11,20 @@ import time
 from contextlib import closing
 from pathlib import Path
 
+import mcap.writer
 import numpy as np
 import pytest
 
-from analyze.compact.compact import CompactOptions, compact
+from analyze.compact.codings import Codings
+from analyze.compact.compact import Compacted, CompactOptions, compact
 from analyze.compact.copy_file import stored_messages
+from analyze.compact.images import Coding
 from analyze.compact.moving_region import BLOCK, moving_regions, noise_sd
 from analyze.compact.part_file import locked_part, part_path
+from analyze.compact.prove import _is_same
 from analyze.errors import CompactError, RecordingError
 from analyze.pipeline.read_evidence import read_evidence, read_head
-from analyze.progress import no_progress
+from analyze.progress import Progress, no_progress
 from analyze.reading.indexed_file import open_finished
 from analyze.reading.recording import open_recording
 from analyze.reading.verify import refuse_changed_content
@@ -48,6 +52,10 @@ def session(raw, tmp_path) -> Path:
     return path
 
 
+def shrink(path: Path, *, progress: Progress = no_progress, **options: bool) -> list[Compacted]:
+    return list(compact(path, CompactOptions(**options), progress))
+
+
 def pixels(path: Path) -> list[tuple[int, int, bytes]]:
     with open_recording(path) as recording:
         return [(each.time_ns, each.sequence, each.image.tobytes()) for each in recording.images()]
@@ -60,7 +68,7 @@ def is_compact(path: Path) -> bool:
 
 
 def test_nothing_is_lost(raw, session):
-    [done] = compact(session, CompactOptions(), no_progress)
+    [done] = shrink(session)
     assert done.after == session.stat().st_size < 0.5 * raw.stat().st_size
     assert pixels(session) == pixels(raw)
     assert is_compact(session)
@@ -89,7 +97,7 @@ def test_nothing_is_lost(raw, session):
 
 
 def test_what_was_done_is_shown(session):
-    compact(session, CompactOptions(), no_progress)
+    shrink(session)
     done = subprocess.run(
         [sys.executable, "-m", "analyze", "inspect", session], capture_output=True, text=True, check=True
     )
@@ -98,20 +106,11 @@ def test_what_was_done_is_shown(session):
 
 
 def test_a_second_run_changes_nothing(session):
-    compact(session, CompactOptions(), no_progress)
+    shrink(session)
     content = session.read_bytes()
-    [done] = compact(session, CompactOptions(), no_progress)
+    [done] = shrink(session)
     assert done.compaction is None
     assert session.read_bytes() == content
-
-
-def test_copies_may_go_elsewhere(raw, session, tmp_path):
-    folder = tmp_path / "small"
-    folder.mkdir()
-    compact(session, CompactOptions(), no_progress, folder)
-    assert session.read_bytes() == raw.read_bytes()
-    assert pixels(folder / session.name) == pixels(raw)
-    assert sorted(each.name for each in folder.iterdir()) == [session.name]
 
 
 @pytest.mark.timeout(600)
@@ -122,7 +121,7 @@ def test_whenever_it_is_killed_one_of_the_two_is_whole(raw, tmp_path):
     code = (
         "import sys; from pathlib import Path; from analyze.compact.compact import *;"
         "from analyze.progress import no_progress; print('begun', flush=True);"
-        "compact(Path(sys.argv[1]), CompactOptions(), no_progress)"
+        "list(compact(Path(sys.argv[1]), CompactOptions(), no_progress))"
     )
     for _ in range(KILLS):
         path.write_bytes(original)
@@ -136,7 +135,7 @@ def test_whenever_it_is_killed_one_of_the_two_is_whole(raw, tmp_path):
         left = set(tmp_path.iterdir()) - {path}
         assert left <= {part_path(path)}
     path.write_bytes(original)
-    compact(path, CompactOptions(), no_progress)
+    shrink(path)
     assert list(tmp_path.iterdir()) == [path]
     assert pixels(path) == pixels(raw)
 
@@ -146,7 +145,7 @@ def test_a_damaged_recording_stays_as_it_is(session):
     content[len(content) // 2] ^= 1
     session.write_bytes(content)
     with pytest.raises(RecordingError, match="damaged"):
-        compact(session, CompactOptions(), no_progress)
+        shrink(session)
     assert session.read_bytes() == content
     assert list(session.parent.iterdir()) == [session]
 
@@ -168,9 +167,65 @@ def test_a_full_disk_leaves_the_recording(session):
     assert list(session.parent.iterdir()) == [session]
 
 
+def test_what_is_no_recording_stays(tmp_path):
+    """Its messages may stand where no recording has any."""
+    path = tmp_path / "other.mcap"
+    with path.open("wb") as file:
+        writer = mcap.writer.Writer(file, use_chunking=False)
+        writer.start()
+        schema = writer.register_schema("foxglove.RawImage", "protobuf", b"")
+        channel = writer.register_channel("/camera/main/image", "protobuf", schema)
+        writer.add_message(channel, 1, b"", 1)
+        writer.finish()
+    content = path.read_bytes()
+    with pytest.raises(RecordingError):
+        shrink(path)
+    assert path.read_bytes() == content
+
+
+def test_a_copy_that_was_exchanged_is_not_taken(session):
+    content = session.read_bytes()
+
+    def exchange(text: str, _done: int, _total: int) -> None:
+        if text.startswith("comparing"):
+            part_path(session).unlink(missing_ok=True)
+            part_path(session).write_bytes(b"rest")
+
+    with pytest.raises(CompactError, match="was removed meanwhile"):
+        shrink(session, progress=exchange)
+    assert session.read_bytes() == content
+
+
+def test_other_names_and_permissions_are_kept(session, tmp_path):
+    session.chmod(0o640)
+    link = tmp_path / "link.mcap"
+    link.symlink_to(session)
+    shrink(link)
+    assert link.is_symlink()
+    assert is_compact(session)
+    assert session.stat().st_mode & 0o777 == 0o640
+
+
+def test_a_second_name_of_the_file_is_refused(session, tmp_path):
+    os.link(session, tmp_path / "other.mcap")
+    with pytest.raises(CompactError, match="has 2 names"):
+        shrink(session)
+
+
+def test_a_proof_needs_every_message(session):
+    with closing(open_finished(session)) as file:
+        messages = list(stored_messages(file.data))
+        [one, *_] = [each for each in messages if each[0] == "/session/strike"]
+        other = one[0], one[1]._replace(data=memoryview(bytes(len(one[1].data))))
+        image = next(each for each in messages if each[0].endswith("/image"))
+        lossy = Codings({image[0]: [0]}, {image[0]: [Coding(step=5)]})
+        assert not _is_same(file, one, other, lossy)
+        assert not _is_same(file, image, other, lossy)
+
+
 def test_two_at_once_are_refused(session):
-    with locked_part(session, 0o644), pytest.raises(CompactError, match="another process is compacting it"):
-        compact(session, CompactOptions(), no_progress)
+    with locked_part(session), pytest.raises(CompactError, match="another process is compacting it"):
+        shrink(session)
 
 
 def test_a_recording_that_changes_meanwhile_is_not_replaced(session):
@@ -183,7 +238,7 @@ def test_a_recording_that_changes_meanwhile_is_not_replaced(session):
             other.replace(session)
 
     with pytest.raises(CompactError, match="was changed meanwhile"):
-        compact(session, CompactOptions(), edit)
+        shrink(session, progress=edit)
     assert session.read_bytes() == content
     assert list(session.parent.iterdir()) == [session]
 
@@ -192,7 +247,7 @@ def test_what_the_noise_covers_may_be_lost(tmp_path):
     path = tmp_path / "carton.mcap"
     filmed_recording(path, "carton", 1, 1)
     size = path.stat().st_size
-    [done] = compact(path, CompactOptions(near_lossless=True, crop=True), no_progress)
+    [done] = shrink(path, near_lossless=True, crop=True)
     assert done.after < 0.15 * size
     assert done.compaction is not None
     assert not done.compaction.exact
@@ -203,14 +258,24 @@ def test_what_the_noise_covers_may_be_lost(tmp_path):
 
 
 def test_a_lossless_copy_may_be_made_smaller_later(session, raw):
-    compact(session, CompactOptions(), no_progress)
+    shrink(session)
     size = session.stat().st_size
-    [done] = compact(session, CompactOptions(near_lossless=True), no_progress)
+    [done] = shrink(session, near_lossless=True)
     assert done.after < size
     assert done.compaction is not None
     assert done.compaction.source_bytes == raw.stat().st_size
-    [again] = compact(session, CompactOptions(), no_progress)
+    [again] = shrink(session)
     assert again.compaction is None
+
+
+def test_loss_upon_loss_is_refused(tmp_path):
+    path = tmp_path / "carton.mcap"
+    filmed_recording(path, "carton", 1, 1)
+    shrink(path, near_lossless=True)
+    content = path.read_bytes()
+    with pytest.raises(CompactError, match="was compacted with loss before"):
+        shrink(path, crop=True)
+    assert path.read_bytes() == content
 
 
 def test_noise_is_measured_beside_what_moves():
