@@ -30,8 +30,9 @@ _LEAST_CHANGE = 3.0
 """the same [grey]: lamps flicker"""
 _LEAST_PX = 30
 """changed pixels in one piece below which they are noise"""
-BLOCK, _BESIDE = 8, 4
-"""number of images with one region, and of those before and after them that count too"""
+BLOCK, _GROUP, _BESIDE = 8, 4, 4
+"""number of images with one region, of those in a group, and of the groups before and after them that count
+too: near its turning point an object hardly moves, and only its edges would be seen"""
 _JPEG_PX = 8
 """edge of a block of JPEG [px]"""
 _MARGIN = 0.025
@@ -63,17 +64,14 @@ def moving_regions(images: Sequence[NDArray[np.uint8]], noise: float) -> list[ND
     """
     limit = max(_CHANGED * noise / (2.0 * math.sqrt(math.pi) * _BLUR_PX), _LEAST_CHANGE)
     least, most = [], []
-    for first in range(0, len(images), _BESIDE):
-        soft = [cv2.GaussianBlur(image, (0, 0), _BLUR_PX) for image in images[first : first + _BESIDE]]
+    for first in range(0, len(images), _GROUP):
+        soft = [cv2.GaussianBlur(image, (0, 0), _BLUR_PX) for image in images[first : first + _GROUP]]
         least.append(np.min(soft, axis=0))
         most.append(np.max(soft, axis=0))
-    parts = BLOCK // _BESIDE
-    regions = [
-        _changed(
-            least[max(first - 1, 0) : first + parts + 1], most[max(first - 1, 0) : first + parts + 1], limit
-        )
-        for first in range(0, len(least), parts)
-    ]
+    regions: list[NDArray[np.bool_] | None] = []
+    for first in range(0, len(least), BLOCK // _GROUP):
+        near = slice(max(first - _BESIDE, 0), first + BLOCK // _GROUP + _BESIDE)
+        regions.append(_changed(least[near], most[near], limit))
     moving = [number for number, region in enumerate(regions) if region is not None]
     if not moving:
         return None
