@@ -12,6 +12,7 @@ import pytest
 from acquire.clock.clock import SystemClock
 from acquire.daemon.adviser import Adviser
 from acquire.daemon.attendance import Attendance
+from acquire.daemon.compactor import Compactor
 from acquire.daemon.daemon import Daemon
 from acquire.daemon.prompts import Prompts
 from acquire.daemon.session_board import SessionBoard
@@ -182,6 +183,7 @@ def test_a_stop_since_a_session_was_opened_holds(rig: Daemon, monkeypatch: pytes
     rig._camera = None  # type: ignore[assignment]
     manifest = SimpleNamespace(recording_id="r", wall_anchor_ns=0)
     rig._adviser = Adviser(lambda _: None)
+    rig._compactor = Compactor(False, lambda _: None)
     rig._stop_striker()
     monkeypatch.setattr(rig._recording, "open", lambda *_: manifest, raising=False)
     rig._open_recording(connection, {})
