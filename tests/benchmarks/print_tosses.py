@@ -122,13 +122,14 @@ def lines(rows: list[Row]) -> Iterator[list[str]]:
 
 @click.command()
 @click.option("--seeds", default=10, show_default=True)
+@click.option("--first", default=1, show_default=True, help="First seed.")
 @click.option("--objects", default=",".join(OBJECT_NAMES), show_default=True)
 @click.option("--kinds", default="print,light", show_default=True)
 @click.option("--bad", default=2, show_default=True, help="Bad tosses of each kind per object.")
-def main(seeds: int, objects: str, kinds: str, bad: int) -> None:
+def main(seeds: int, first: int, objects: str, kinds: str, bad: int) -> None:
     """Tosses of untagged objects on the virtual rig, beside the truth."""
     names = objects.split(",")
-    cases = list(product(names, range(1, seeds + 1), [PrintKind(each) for each in kinds.split(",")]))
+    cases = list(product(names, range(first, first + seeds), [PrintKind(each) for each in kinds.split(",")]))
     wrong_kinds = [kind for kind in TossKind if kind is not TossKind.GOOD]
     trials = list(product(names, range(1, bad + 1), wrong_kinds))
     console = Console(stderr=True)
