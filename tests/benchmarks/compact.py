@@ -100,8 +100,8 @@ def main(seeds: int, objects: str, strikes: int) -> None:
             rows += rows_of(path, path.stat().st_size // (656 * 492))
     table = Table(title=f"{len(cases)} sessions of {strikes} strikes", title_justify="left")
     for heading in (
-        "coding", "sessions", "refused", "size [%]", "largest", "ms/frame", "phi [deg], median", "largest",
-        "k [%], median", "largest", "c [mm], largest",
+        "coding", "sessions", "refused", "size, %", "largest", "ms/frame", "phi, deg, median", "largest",
+        "k, %, median", "largest", "c, mm, largest",
     ):  # fmt: skip
         table.add_column(heading)
     for kind in KINDS:
