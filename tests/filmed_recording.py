@@ -30,8 +30,8 @@ from tests.benchmarks.honesty.observed import T0
 from tests.benchmarks.print_sessions import SHIFT_SD, YAW_SD, chosen, renderer_of, scene
 from tests.benchmarks.print_strikes import Filming, Placement, film, struck
 from tests.mcap_writer import McapWriter
+from tests.quick_archive import ANCHOR_NS, clock_sample, frame_meta
 
-ANCHOR_NS = 1_780_000_000_000_000_000
 APART_NS = 6_000_000_000
 
 
@@ -89,27 +89,14 @@ def filmed_recording(path: Path, name: str, seed: int, strikes: int) -> None:
         sequence = 0
         for number, strike in enumerate(planned):
             start = ANCHOR_NS + 1_000_000_000 + APART_NS * number
-            host = start - ANCHOR_NS
-            sample = pb.ClockSample(
-                clock="camera/main",
-                device_time_ns=host,
-                host_before_ns=host - 50_000,
-                host_after_ns=host + 50_000,
-            )
-            writer.write(clock, start, sample.SerializeToString(), sequence=number)
+            writer.write(clock, start, clock_sample(start - ANCHOR_NS), sequence=number)
             placed = Placement(*rng.normal(0, (YAW_SD, SHIFT_SD, SHIFT_SD)))
             motion = struck(world, on.thing, strike, placed, (float(rng.uniform(1.05, 1.3)), 0.003))
             frames = film(renderer, motion, strike.heading_rad, Filming(), rng)
             times = [start + 500_000_000 + frame.time_ns - T0 for frame in frames]
             for at, frame in zip(times, frames, strict=True):
                 writer.write(images, at, encoder.encode(at, frame.image), sequence=sequence)
-                meta = pb.FrameMeta(
-                    sequence=sequence,
-                    mid_exposure_host_ns=at - ANCHOR_NS,
-                    image_recorded=True,
-                    mapping_sd_ns=20_000,
-                )
-                writer.write(metas, at, meta.SerializeToString(), sequence=sequence)
+                writer.write(metas, at, frame_meta(sequence, at - ANCHOR_NS), sequence=sequence)
                 sequence += 1
             record = pb.StrikeRecord(
                 strike_id=f"{strike.id}.1",

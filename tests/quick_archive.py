@@ -132,14 +132,7 @@ def _write_strikes(
     sequence = 0
     for number, strike in enumerate(planned):
         start_ns = ANCHOR_NS + 1_000_000_000 + 4_000_000_000 * number
-        host = start_ns - ANCHOR_NS
-        sample = pb.ClockSample(
-            clock="camera/main",
-            device_time_ns=host,
-            host_before_ns=host - 50_000,
-            host_after_ns=host + 50_000,
-        )
-        writer.write(clock, start_ns, sample.SerializeToString(), sequence=number)
+        writer.write(clock, start_ns, clock_sample(start_ns - ANCHOR_NS), sequence=number)
         truth, _ = tipping(*tip(body, strike), energy=float(rng.uniform(1.05, 1.3)))
         theta = np.array(truth[FIRST:] + [truth[-1]] * AFTER)
         n = len(theta)
@@ -148,13 +141,7 @@ def _write_strikes(
         for at, (R, p) in zip(time_ns, zip(*object_poses(strike, angle), strict=True), strict=True):
             picture = _picture(spec.marker[int(strike.visible_markers[0])], R, p, lens)
             writer.write(images, int(at), encode("main", int(at), picture), sequence=sequence)
-            meta = pb.FrameMeta(
-                sequence=sequence,
-                mid_exposure_host_ns=int(at) - ANCHOR_NS,
-                image_recorded=True,
-                mapping_sd_ns=20_000,
-            )
-            writer.write(metas, int(at), meta.SerializeToString(), sequence=sequence)
+            writer.write(metas, int(at), frame_meta(sequence, int(at) - ANCHOR_NS), sequence=sequence)
             sequence += 1
         record = pb.StrikeRecord(
             strike_id=f"{strike.id}.1",
@@ -165,6 +152,25 @@ def _write_strikes(
             contact_time_ns=int(time_ns[29 - FIRST]),
         )
         writer.write(records, int(time_ns[-1]), record.SerializeToString())
+
+
+def clock_sample(host_ns: int) -> bytes:
+    """Reading of a camera's clock that runs as the host's does, at a host time [ns]."""
+    sample = pb.ClockSample(
+        clock="camera/main",
+        device_time_ns=host_ns,
+        host_before_ns=host_ns - 50_000,
+        host_after_ns=host_ns + 50_000,
+    )
+    return sample.SerializeToString()
+
+
+def frame_meta(sequence: int, host_ns: int) -> bytes:
+    """Metadata of a recorded frame, with the host time of its mid-exposure [ns]."""
+    meta = pb.FrameMeta(
+        sequence=sequence, mid_exposure_host_ns=host_ns, image_recorded=True, mapping_sd_ns=20_000
+    )
+    return meta.SerializeToString()
 
 
 def _with_tags(spec: ObjectSpec, body: Body) -> ObjectSpec:

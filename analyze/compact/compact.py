@@ -38,14 +38,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CompactOptions:
-    """What may be lost: nothing, what noise covers, or what does not move."""
+    """Permitted loss: none, grey values within the camera's noise, or parts of the image without motion."""
 
     near_lossless: bool = False
     crop: bool = False
 
     @property
     def exact(self) -> bool:
-        """True if nothing may be lost."""
+        """True if no pixel may change."""
         return not (self.near_lossless or self.crop)
 
 
@@ -59,7 +59,7 @@ class Compacted:
     after: int
     """size now [bytes]"""
     compaction: Compaction | None
-    """what was done; None if there was nothing to do"""
+    """recoding of its images; None if the file was left as it is"""
 
 
 def compact(path: Path, options: CompactOptions, progress: Progress) -> Iterator[Compacted]:

@@ -46,7 +46,7 @@ _ROUNDING = 0.5
 
 @dataclass(frozen=True)
 class Coding:
-    """How an image is stored."""
+    """Coding of one image: step of its quantisation, and the part that is kept."""
 
     step: int = 0
     """step of the quantisation [grey]; 0 for none: PNG, without loss"""

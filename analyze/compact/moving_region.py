@@ -1,4 +1,4 @@
-"""Where something moves in a strike's images, and how much noise they have.
+"""Moving region of a strike's images, and the noise of their pixels.
 
 The region is the convex hull of all pixels that change beyond noise in some images, with a margin: it holds
 the object wherever it is in these, with the plain parts of its faces, which do not change.
@@ -47,7 +47,7 @@ def noise_sd(images: Sequence[NDArray[np.uint8]]) -> float:
     It is the median over the pixels, so that what moves hardly counts.
     """
     off = [np.abs(after.astype(np.int16) - before) for before, after in pairwise(images)]
-    # Of whole grey levels a median is a whole number: the mean of those near it tells fractions.
+    # Of whole grey levels a median is a whole number: the mean of those near it has fractions.
     spread = [float(np.mean(np.minimum(each, 4 * np.median(each) + 2))) for each in off]
     return max(float(np.median(spread)) * math.sqrt(math.pi) / 2.0, _LEAST_NOISE) if off else _LEAST_NOISE
 

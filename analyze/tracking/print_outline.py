@@ -1,7 +1,7 @@
 """Check of the planned outline by the images of a tip: what moves with the print, and what stays.
 
 A part of the image at rest belongs to the body if later images show it where the tracked motion takes it,
-and to the surroundings if they show it where it was. Even parts tell nothing, nor does what the body covers
+and to the surroundings if they show it where it was. Even parts show nothing, nor does what the body covers
 later.
 """
 
@@ -38,7 +38,7 @@ _AROUND_M = 0.05
 _MARGIN_M, _MARGIN_PX = 2 * BORDER_M, 4
 """distance from the planned outline within which nothing counts: the hand's error and the blur [m, px]"""
 _LEAST_CHANGE = 6.0
-"""least difference of grey values that tells body from surroundings"""
+"""least difference of grey values that distinguishes body from surroundings"""
 _LEAST_FRAMES = 3
 """images that must show a part beyond the outline where nothing was before"""
 _CLEARER, _CLEARLY_STILL = 2.0, 4.0

@@ -2,7 +2,7 @@
 
 The mean of the images at rest, free of lens distortion, is projected back to the known shape. Kept are the
 points where the print has strong gradients, spread over the faces, and some others, by which the light on
-each face is told from the print.
+each face is distinguished from the print.
 
 Frames: O (object), W (world), C (camera).
 """
