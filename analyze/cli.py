@@ -11,6 +11,7 @@ import os
 import click
 
 from analyze.verbs.advise.command import advise
+from analyze.verbs.archive.command import archive
 from analyze.verbs.batch import batch
 from analyze.verbs.cache import cache
 from analyze.verbs.calibrate.command import calibrate
@@ -75,6 +76,7 @@ for _verb in (
     export,
     predict,
     batch,
+    archive,
     query,
     compact,
     cache,

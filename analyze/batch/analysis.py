@@ -128,6 +128,14 @@ def analyse(request: Request, scratch: Path) -> Outcome:
     )
 
 
+def failure_kind(error: Exception, source: Source) -> str:
+    """Kind of a failure to read or analyse a recording, such as "damaged"; "defect" for an unknown error."""
+    if source.files[0].size == 0:
+        return "empty"
+    kind = next((name for each, name in FAILURE_OF_ERROR if isinstance(error, each)), "defect")
+    return "unfinished" if kind == "cut" and source.url.endswith(PART_SUFFIX) else kind
+
+
 def _row(head: RecordingHead, settings: BatchSettings) -> dict[str, Any]:
     if not head.strike_ids:
         raise _NoStrikesError(f"{head.path}: contains no strike: the session ended before the first one")
@@ -139,7 +147,7 @@ def _row(head: RecordingHead, settings: BatchSettings) -> dict[str, Any]:
 def _failure(error: Exception, source: Source, scratch: Path) -> dict[str, str]:
     # Copies in the scratch folder are gone when the message is read: name the file in the archive.
     text = " ".join(str(error).split()).replace(f"{scratch}/", source.url.rpartition("/")[0] + "/")
-    kind = next((name for each, name in FAILURE_OF_ERROR if isinstance(error, each)), "defect")
+    kind = failure_kind(error, source)
     if isinstance(error, MemoryError) or (isinstance(error, cv2.error) and "memory" in text.lower()):
         kind = OUT_OF_MEMORY
         remedy = "raise --memory-limit and add --only-failed"
@@ -147,10 +155,6 @@ def _failure(error: Exception, source: Source, scratch: Path) -> dict[str, str]:
     if source.is_local and not Path(source.url).exists():
         kind = "unreachable"
         text = f"{source.url}: does not exist: it was removed meanwhile, or is a link to a missing file"
-    elif source.files[0].size == 0:
-        kind = "empty"
-    elif source.url.endswith(PART_SUFFIX) and kind == "cut":
-        kind = "unfinished"
     if kind == "defect":
         text = f"{source.url}: {type(error).__name__}: {text}: please report this"
     return {

@@ -91,7 +91,9 @@ class RemoteFile:
 
 
 @contextmanager
-def sparse_copies(source: Source, folder: Path, *, whole: bool = False) -> Iterator[Path]:
+def sparse_copies(
+    source: Source, folder: Path, *, whole: bool = False, images: bool = True
+) -> Iterator[Path]:
     """Copy a recording from a bucket for the duration of a `with` block.
 
     Args:
@@ -99,6 +101,7 @@ def sparse_copies(source: Source, folder: Path, *, whole: bool = False) -> Itera
         folder: folder for the copies, which are removed at the end.
         whole: True to fetch every byte, which verifying the content hash needs; False to leave out images
             outside the strikes' windows.
+        images: False to leave out all images, unless `whole`.
 
     Yields:
         Local path of the recording's first file.
@@ -119,7 +122,7 @@ def sparse_copies(source: Source, folder: Path, *, whole: bool = False) -> Itera
                 remote.fetch_all()
                 continue
             remotes.append((remote, fetch_without_images(remote, each.url)))
-        if not whole:
+        if images and not whole:
             _fetch_windows(copies[0], remotes)
         yield copies[0]
     finally:

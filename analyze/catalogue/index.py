@@ -1,0 +1,227 @@
+"""Bring the catalogue up to date with the archive: read the heads of new and changed recordings.
+
+No image is read. A recording is not opened if its size and stamp (time of change or ETag) are those of its
+row.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from contextlib import nullcontext
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+from analyze.batch.analysis import failure_kind
+from analyze.batch.archive import Source
+from analyze.batch.sparse_copy import sparse_copies
+from analyze.catalogue.table import Catalogue, Row
+from analyze.errors import RecordingCut
+from analyze.pipeline.read_evidence import read_open_head
+from analyze.progress import Progress, no_progress
+from analyze.reading.recording import Recording, open_recording
+
+OK, MISSING = "ok", "missing"
+EXACT, LOSSY = "exact", "lossy"
+MIN_FOR_PROCESSES = 200
+"""number of recordings from which starting processes pays: one takes a second, a head 5 ms"""
+_PENDING_PER_PROCESS = 16
+_SCRUB_COLUMNS = ("scrub", "scrub_reason", "scrubbed_at", "sha256")
+
+
+@dataclass(frozen=True)
+class IndexReport:
+    """Numbers of recordings that a run of the index found new, changed, unchanged, moved and missing."""
+
+    new: int
+    """recordings that had no row"""
+    changed: int
+    """recordings whose files changed since their row was written"""
+    unchanged: int
+    """recordings that were not opened"""
+    moved: tuple[tuple[str, str], ...]
+    """recordings found at another place: earlier and present URL"""
+    missing: tuple[str, ...]
+    """URLs of recordings that are no longer at their place, nor at another one"""
+    unreadable: int
+    """new or changed recordings that cannot be read; their rows state why"""
+
+
+def update_index(
+    catalogue: Catalogue,
+    sources: Sequence[Source],
+    places: Sequence[str] = (),
+    jobs: int | None = None,
+    progress: Progress = no_progress,
+) -> IndexReport:
+    """Add rows of new recordings, renew those of changed ones, and mark those that are missing.
+
+    A recording that was moved keeps what is known of its bytes, if its content and size are the same.
+
+    Args:
+        catalogue: rows to change.
+        sources: recordings of the archive, from `find_sources`.
+        places: folders and buckets that were searched; recordings of a bucket below one of them that were not
+            found are missing. Local ones are looked up.
+        jobs: number of processes; None for one per core.
+        progress: called with (text, recordings read, recordings to read).
+
+    Returns:
+        Numbers of rows by what was done.
+
+    Raises:
+        OutputError: the catalogue cannot be saved.
+    """
+    rows = catalogue.rows
+    pending = [each for each in sources if not _is_known(catalogue, each)]
+    new = {each.url for each in pending if each.url not in rows}
+    new_count, changed, unreadable, done = len(new), len(pending) - len(new), 0, 0
+    found = {each.url for each in sources}
+    while pending:
+        others: list[Source] = []
+        for source, row in _read_rows(pending, jobs):
+            done += 1
+            progress("reading", done, max(len(pending), done))
+            unreadable += row["state"] != OK
+            catalogue.set(row)
+            # A file of the series' name that belongs to another recording has a row of its own.
+            names = row["files"] if row["state"] == OK else ()
+            others += [each for each in source.others(names) if each.url not in found]
+        found.update(each.url for each in others)
+        pending = [each for each in others if not _is_known(catalogue, each)]
+        new_count += len(pending)
+    moved, missing = _settle_missing(catalogue, new, found, places)
+    unchanged = len(sources) - len(new) - changed
+    return IndexReport(new_count - len(moved), changed, unchanged, moved, missing, unreadable)
+
+
+def read_index_row(source: Source) -> Row:
+    """Row of one recording, from the head of its files; a failure to read it is stated in the row."""
+    row: Row = {
+        "url": source.url,
+        "files": [each.url.rsplit("/", 1)[-1] for each in source.files],
+        "size_bytes": source.size,
+        "source_id": source.id,
+        "state": OK,
+    }
+    try:
+        if source.size == 0:
+            raise RecordingCut(f"{source.url}: is empty: nothing of it can be saved: record again")
+        with tempfile.TemporaryDirectory() as scratch:
+            local = nullcontext(Path(source.url)) if source.is_local else None
+            with (
+                local or sparse_copies(source, Path(scratch), images=False) as path,
+                open_recording(path) as recording,
+            ):
+                row |= _head_columns(recording)
+    except Exception as error:  # whatever it is, the other recordings go on
+        row |= {"state": failure_kind(error, source), "reason": " ".join(str(error).split())}
+    own = [each for each in source.files if each.url.rsplit("/", 1)[-1] in row["files"]]
+    return row | {"files_id": Source(tuple(own)).id}
+
+
+def _is_known(catalogue: Catalogue, source: Source) -> bool:
+    row = catalogue.rows.get(source.url)
+    return row is not None and row["source_id"] == source.id and row["state"] != MISSING
+
+
+def _head_columns(recording: Recording) -> Row:
+    head, manifest = read_open_head(recording), recording.manifest
+    camera = manifest.cameras[0]
+    sources = [each.source_content_id for each in recording.compactions]
+    return {
+        "files": list(head.files),
+        "recording_id": manifest.recording_id,
+        "created": manifest.created,
+        "object": manifest.object.name,
+        "object_sha256": manifest.object_sha256,
+        "plan_sha256": manifest.plan_sha256,
+        "rig": str(manifest.rig.get("name", "")),
+        "camera": f"{camera.vendor} {camera.model}".strip(),
+        "camera_serial": camera.serial,
+        "time_source": manifest.time_source.value,
+        "recorded_by": manifest.software,
+        "content_id": head.content_id or None,
+        # Of a series only one file may be compact: then no single original is known.
+        "source_content_id": sources[0] if len(sources) == len(recording.parts) == 1 else None,
+        "compaction": (EXACT if all(each.exact for each in recording.compactions) else LOSSY)
+        if sources
+        else None,
+        "rebases": len(manifest.rebased or []),
+        "losses": len(head.recovery_losses),
+        "strikes": len(head.strike_ids),
+        "tosses": len(head.toss_ids),
+    }
+
+
+def _read_rows(sources: Sequence[Source], jobs: int | None) -> Iterator[tuple[Source, Row]]:
+    """Yield each recording with its row, as they are read; many are read by several processes."""
+    processes = jobs or len(os.sched_getaffinity(0))
+    if len(sources) < MIN_FOR_PROCESSES or processes == 1:
+        yield from ((each, read_index_row(each)) for each in sources)
+        return
+    pool = ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn"))
+    try:
+        yield from _in_turn(pool, iter(sources), processes * _PENDING_PER_PROCESS)
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _in_turn(pool: Executor, sources: Iterator[Source], most: int) -> Iterator[tuple[Source, Row]]:
+    """Yield each recording with its row; at most `most` wait in the pool at a time, which bounds memory."""
+    waiting: dict[Future[Row], Source] = {}
+    while True:
+        for each in islice(sources, most - len(waiting)):
+            waiting[pool.submit(read_index_row, each)] = each
+        if not waiting:
+            return
+        for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+            yield waiting.pop(future), future.result()
+
+
+def _settle_missing(
+    catalogue: Catalogue, new: Iterable[str], found: set[str], places: Sequence[str]
+) -> tuple[tuple[tuple[str, str], ...], tuple[str, ...]]:
+    """Mark rows whose recording is gone; one that was moved gives its scrub to the row of its new place.
+
+    Args:
+        catalogue: rows to change.
+        new: URLs of recordings that had no row before this run.
+        found: URLs of all recordings that were found.
+        places: folders and buckets that were searched.
+
+    Returns:
+        Earlier and present URL of each moved recording; URLs of the missing ones.
+    """
+    rows = catalogue.rows
+    arrived: dict[tuple[str, int, str], str] = {}
+    for url in new:
+        if rows[url].get("content_id"):
+            arrived[_identity(rows[url])] = url
+    moved: list[tuple[str, str]] = []
+    missing: list[str] = []
+    for url in [each for each in rows if each not in found and _is_gone(each, places)]:
+        row = rows[url]
+        place = arrived.pop(_identity(row), None) if row.get("content_id") else None
+        if place is None:
+            row["state"], row["reason"] = MISSING, f"{url}: is no longer there"
+            missing.append(url)
+            continue
+        rows[place] |= {name: row.get(name) for name in _SCRUB_COLUMNS}
+        del rows[url]
+        moved.append((url, place))
+    return tuple(moved), tuple(missing)
+
+
+def _identity(row: Row) -> tuple[str, int, str]:
+    return row["content_id"], row["size_bytes"], row["object_sha256"]
+
+
+def _is_gone(url: str, places: Sequence[str]) -> bool:
+    if "://" not in url:
+        return not os.path.lexists(url)
+    return any("://" in place and url.startswith(place.rstrip("/") + "/") for place in places)

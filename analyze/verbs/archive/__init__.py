@@ -1,0 +1,1 @@
+"""`analyze archive`: catalogue of an archive's recordings."""
