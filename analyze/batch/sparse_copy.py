@@ -190,12 +190,13 @@ def fetch_without_images(remote: RemoteFile, url: str) -> list[ChunkEntry]:
     of_images = [chunk for chunk in chunks if chunk.index_offsets and chunk.index_offsets.keys() <= images]
     small = [chunk for chunk in chunks if not (chunk.index_offsets and chunk.index_offsets.keys() <= images)]
     remote.fetch([*others, *((chunk.offset, chunk.end) for chunk in small)])
-    # A reader looks at a chunk's first byte even if it skips the chunk, and at its indexes. Both are left
-    # empty here, by which `IndexedFile` knows a chunk that was left out.
+    # A reader looks at a chunk's head even if it skips the chunk, and at its indexes. Both are left empty
+    # here, by which `IndexedFile` knows a chunk that was left out. A small chunk may have been fetched with
+    # its neighbours: its head is emptied too.
     with remote.copy.open("r+b") as file:
         for chunk in of_images:
             file.seek(chunk.offset)
-            file.write(bytes([container.CHUNK]))
+            file.write(bytes([container.CHUNK]) + bytes(container.RECORD_HEAD - 1))
             for channel, at in chunk.index_offsets.items():
                 file.seek(at)
                 file.write(container.pack_message_index(channel, []))

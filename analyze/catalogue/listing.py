@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import duckdb
 import pyarrow as pa
 
-from analyze.batch.ledger import read_ledgers
+from analyze.batch.ledger import Entry, read_ledgers
 from analyze.batch.stored_results import read_results
 from analyze.catalogue.table import read_catalogue
 from analyze.errors import ArchiveError
@@ -68,9 +69,9 @@ class Selection:
     where: str = ""
     """SQL condition on the columns of the listing; "" for none"""
 
-    def conditions(self) -> list[tuple[str, list[object]]]:
+    def conditions(self) -> list[tuple[str, Sequence[object]]]:
         """SQL conditions with their parameters."""
-        found: list[tuple[str, list[object]]] = []
+        found: list[tuple[str, Sequence[object]]] = []
         for column, pattern in (("object", self.object), ("rig", self.rig)):
             if pattern:
                 found.append((f"coalesce({column}, '') glob ?", [pattern]))
@@ -127,7 +128,7 @@ def list_recordings(output: Path, selection: Selection) -> pa.Table:
             raise ArchiveError(f"--where: {text}: `analyze archive list --json` shows the columns") from None
 
 
-def _ledger_table(entries: list[object]) -> pa.Table:
+def _ledger_table(entries: Sequence[Entry]) -> pa.Table:
     names = ("url", "key", "failure", "reason")
     columns = {name: pa.array([getattr(each, name) for each in entries], pa.string()) for name in names}
     return pa.table(columns)

@@ -79,6 +79,8 @@ def _centre(row: dict[str, Any]) -> str:
     cells = []
     for axis in "xyz":
         value, sd = row[f"com_{axis}_mm"], row[f"com_sd_{axis}_m"]
-        known = value is not None and sd and row["com_observed"]
-        cells.append(number(value, decimals(1e3 * sd)) if known else "–")
+        if value is None or not sd or not row["com_observed"]:
+            cells.append("–")
+        else:
+            cells.append(number(value, decimals(1e3 * sd)))
     return "" if cells == ["–"] * 3 else " ".join(cells)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import logging
-import os
 import threading
 from dataclasses import asdict
 
@@ -21,6 +19,7 @@ from analyze.batch.worker_messages import Outcome, Request
 from analyze.errors import ArchiveError
 from analyze.reading.recording import open_recording
 from tests.broken_files import break_file
+from tests.bucket import bucket_of
 from tests.fetched_bytes import fetched_without_images
 from tests.quick_archive import body_of, quick_session
 
@@ -48,32 +47,8 @@ def finished(archive, tmp_path_factory):
 @pytest.fixture(scope="module")
 def bucket(archive):
     """The archive behind an S3 server on loopback, as s3://archive."""
-    from moto.server import ThreadedMotoServer
-
-    logging.getLogger("werkzeug").setLevel(logging.ERROR)
-    server = ThreadedMotoServer(ip_address="127.0.0.1", port=0)
-    server.start()
-    host, port = server.get_host_and_port()
-    settings = {
-        "AWS_ACCESS_KEY_ID": "loopback",
-        "AWS_SECRET_ACCESS_KEY": "loopback",
-        "AWS_DEFAULT_REGION": "us-east-1",
-        "AWS_ENDPOINT_URL": f"http://{host}:{port}",
-    }
-    before = {name: os.environ.get(name) for name in settings}
-    os.environ.update(settings)
-    import s3fs
-
-    system = s3fs.S3FileSystem(skip_instance_cache=True)
-    system.mkdir("archive")
-    system.put(str(archive) + "/", "archive/", recursive=True)
-    yield "s3://archive"
-    server.stop()
-    for name, value in before.items():
-        if value is None:
-            del os.environ[name]
-        else:
-            os.environ[name] = value
+    with bucket_of(archive) as place:
+        yield place
 
 
 def numbers(output):
