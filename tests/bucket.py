@@ -28,6 +28,8 @@ def bucket_of(folder: Path) -> Iterator[str]:
     before = {name: os.environ.get(name) for name in settings}
     os.environ.update(settings)
     try:
+        # Connections of an earlier server are kept under the same arguments.
+        s3fs.S3FileSystem.clear_instance_cache()
         system = s3fs.S3FileSystem(skip_instance_cache=True)
         system.mkdir("archive")
         system.put(f"{folder}/", "archive/", recursive=True)
