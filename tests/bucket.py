@@ -34,6 +34,7 @@ def bucket_of(folder: Path) -> Iterator[str]:
         system.mkdir("archive")
         system.put(f"{folder}/", "archive/", recursive=True)
         yield "s3://archive"
+        system.rm("archive", recursive=True)  # moto keeps its buckets for the whole process
     finally:
         server.stop()
         for name, value in before.items():
