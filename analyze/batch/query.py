@@ -6,6 +6,8 @@ entry of the recordings' lists of that name.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 
@@ -13,11 +15,38 @@ import duckdb
 import pyarrow as pa
 
 from analyze.batch.ledger import read_ledgers
-from analyze.batch.stored_results import read_results
+from analyze.batch.stored_results import open_results, read_results
 from analyze.errors import ArchiveError
 
 LIST_TABLES = ("strikes", "moments", "regions", "warnings")
 """list columns that are also tables, each row with its recording's key and object"""
+
+
+@contextmanager
+def open_recording_rows(output: Path) -> Iterator[duckdb.DuckDBPyConnection]:
+    """Open the results of a batch in SQL: the view `recordings`, and a view for each of `LIST_TABLES`.
+
+    Copies of the same recording share a row; a recording whose row is missing is left out.
+
+    Args:
+        output: folder of the results.
+
+    Yields:
+        Database in memory that can read these tables and nothing else; the table `row_order` states the rows'
+        places in the order of the recordings' URLs, failures last.
+
+    Raises:
+        ArchiveError: there are no results, or a row's file is damaged.
+    """
+    keys, failures = _row_ids(output)
+    with open_results(output, keys, failures) as connection:
+        for name in LIST_TABLES:
+            connection.execute(
+                f"create view {name} as select recordings.key, object, url, created, "  # noqa: S608
+                f"unnest({name}, recursive := true) from recordings"
+            )
+        connection.execute("set lock_configuration = true")
+        yield connection
 
 
 def read_recording_rows(output: Path) -> pa.Table:
@@ -34,15 +63,18 @@ def read_recording_rows(output: Path) -> pa.Table:
     Raises:
         ArchiveError: there are no results, or a row's file is damaged.
     """
+    return read_results(output, *_row_ids(output))
+
+
+def _row_ids(output: Path) -> tuple[list[str], list[str]]:
+    """Keys of the results and source ids of the failures, each in the order of the recordings' URLs."""
     entries = read_ledgers(output)
     if not entries:
         raise ArchiveError(f"{output}: contains no results: run `analyze batch PATH --out {output}` first")
     ordered = [entry for _, entry in sorted(entries.items())]
-    return read_results(
-        output,
-        list(dict.fromkeys(entry.key for entry in ordered if entry.key)),
-        list(dict.fromkeys(entry.source_id for entry in ordered if not entry.key)),
-    )
+    keys = dict.fromkeys(entry.key for entry in ordered if entry.key)
+    failures = dict.fromkeys(entry.source_id for entry in ordered if not entry.key)
+    return list(keys), list(failures)
 
 
 def run_query(output: Path, sql: str) -> pa.Table:
@@ -58,7 +90,7 @@ def run_query(output: Path, sql: str) -> pa.Table:
     Raises:
         ArchiveError: there are no results, a row's file is damaged, or the query is not valid or fails.
     """
-    with connect(read_recording_rows(output)) as connection:
+    with open_recording_rows(output) as connection:
         try:
             relation = connection.sql(sql)
             # DuckDB runs the query only here.
@@ -92,26 +124,3 @@ def _integers_if_whole(column: pa.ChunkedArray) -> pa.ChunkedArray:
         return column.cast(pa.int64())
     except pa.ArrowInvalid:
         return column.cast(pa.float64())
-
-
-def connect(recordings: pa.Table) -> duckdb.DuckDBPyConnection:
-    """Connect to a new database in memory that holds the result tables and cannot access disk or network.
-
-    Args:
-        recordings: table with one row per recording.
-
-    Returns:
-        The connection, which the caller closes.
-    """
-    connection = duckdb.connect(":memory:")
-    connection.register("recordings_given", recordings)
-    connection.execute("create table recordings as select * from recordings_given")
-    for name in LIST_TABLES:
-        connection.execute(
-            f"create view {name} as select recordings.key, object, url, created, "  # noqa: S608
-            f"unnest({name}, recursive := true) from recordings"
-        )
-    connection.unregister("recordings_given")
-    connection.execute("set enable_external_access = false")
-    connection.execute("set lock_configuration = true")
-    return connection

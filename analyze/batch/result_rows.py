@@ -179,17 +179,24 @@ def write_row(row: Mapping[str, Any], path: Path) -> None:
     Raises:
         OutputError: the file cannot be written.
     """
-    write_rows(pa.Table.from_pylist([dict(row)], schema=SCHEMA), path)
+    # Statistics, dictionaries and Arrow's own schema are half of a file of one row.
+    plain = {"write_statistics": False, "use_dictionary": False, "store_schema": False}
+    write_rows(pa.Table.from_pylist([dict(row)], schema=SCHEMA), path, **plain)
 
 
-def write_rows(rows: pa.Table, path: Path) -> None:
+def write_rows(rows: pa.Table, path: Path, **options: bool) -> None:
     """Write rows into one Parquet file, which appears complete or not at all.
+
+    Args:
+        rows: the rows.
+        path: file to write.
+        options: options of `pyarrow.parquet.write_table`.
 
     Raises:
         OutputError: the file cannot be written.
     """
     buffer = BytesIO()
-    pq.write_table(rows, buffer, compression="zstd")
+    pq.write_table(rows, buffer, compression="zstd", **options)
     write_bytes(path, buffer.getvalue())
 
 

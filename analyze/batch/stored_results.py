@@ -1,16 +1,21 @@
-"""Read rows of results, and gather them in one file so that a query need not open thousands.
+"""Results of an archive in SQL, read where they lie; rows of thousands of files gathered in few.
 
 A row's key is a hash of the recording's content, the analysis and its settings: a row never changes except
 for its stamps (time and memory used, program version), so gathered rows stay valid. Failures are not
-gathered, since a later try may fail for another reason.
+gathered, since a later try may fail for another reason. The gathered files are made from those of the single
+rows, which stay.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+import fcntl
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 
+import duckdb
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -18,47 +23,175 @@ from analyze.batch.result_rows import SCHEMA, read_rows, write_rows
 from analyze.batch.worker_messages import FAILURES, ROWS
 from schemas.output_file import OutputError
 
-GATHERED = "gathered.parquet"
+GATHERED = "gathered"
+"""folder of the gathered rows"""
 GATHER_FROM_ROWS = 50
 """number of rows in files of their own from which they are gathered; each takes milliseconds to read"""
+MAX_PART_ROWS = 5000
+"""largest number of rows in a gathered file, which is held in memory while it is written"""
+_LOCK = "lock"
 
 
-def read_results(output: Path, keys: Sequence[str], failures: Sequence[str]) -> pa.Table:
-    """Read rows of results and of failures; rows that do not exist are left out.
+@contextmanager
+def open_results(
+    output: Path, keys: Sequence[str], failures: Sequence[str]
+) -> Iterator[duckdb.DuckDBPyConnection]:
+    """Open the view `recordings` of rows of results and failures; rows that do not exist are left out.
 
-    If 50 or more of the results are read from files of their own, all results read are also written to
-    `gathered.parquet`, from which the next call reads them.
+    Its columns are those of `SCHEMA`; only those that a query names are read. If 50 or more of the results
+    are in files of their own, they are gathered first.
 
     Args:
         output: folder of the results.
-        keys: keys of results, in the order of the rows returned.
+        keys: keys of results.
         failures: source ids (hashes of URL, size and time of change) of failed recordings.
 
-    Returns:
-        Table with a row per result, followed by a row per failure.
+    Yields:
+        Database in memory that can read these tables and nothing else; the table `row_order` has the `place`
+        of each row in the order given, by its `id`: key, or source id of a failure.
 
     Raises:
         ArchiveError: a row's file is damaged.
     """
-    gathered = _read_gathered(output / GATHERED)
-    place = {key: i for i, key in enumerate(gathered["key"].to_pylist())}
-    alone = [key for key in keys if key not in place and (output / ROWS / f"{key}.parquet").exists()]
-    rows = pa.concat_tables([gathered, read_rows([output / ROWS / f"{key}.parquet" for key in alone])])
-    place |= {key: len(gathered) + i for i, key in enumerate(alone)}
-    found = rows.take(pa.array([place[key] for key in keys if key in place], pa.int64()))
-    if len(alone) >= GATHER_FROM_ROWS:
-        # Without write permission the rows stay in their own files.
-        with contextlib.suppress(OutputError):
-            write_rows(found, output / GATHERED)
-    paths = [output / FAILURES / f"{name}.parquet" for name in failures]
-    return pa.concat_tables([found, read_rows([path for path in paths if path.exists()])])
+    gather_rows(output, keys)
+    with _read_lock(output):
+        parts = _parts(output)
+        single = _single_rows(output, keys, parts)
+        failed = [output / FAILURES / f"{name}.parquet" for name in failures]
+        others = read_rows([*single, *(path for path in failed if path.exists())])
+        with duckdb.connect(":memory:") as connection:
+            _create_view(connection, keys, failures, list(parts), others)
+            yield connection
 
 
-def _read_gathered(path: Path) -> pa.Table:
-    """Read the file of gathered rows; an empty table if it is missing, damaged or has other columns."""
-    try:
-        table = pq.read_table(path)
-        table.validate(full=True)
-    except (OSError, pa.ArrowException):
-        return SCHEMA.empty_table()
-    return table if table.schema.equals(SCHEMA) else SCHEMA.empty_table()
+def read_results(output: Path, keys: Sequence[str], failures: Sequence[str]) -> pa.Table:
+    """Read rows of results and of failures, in the order given; rows that do not exist are left out.
+
+    Raises:
+        ArchiveError: a row's file is damaged.
+    """
+    with open_results(output, keys, failures) as connection:
+        found = connection.sql(
+            "select recordings.* from recordings join row_order on row_order.id = coalesce(key, source_id) "
+            "order by place"
+        ).to_arrow_table()
+    return found.cast(SCHEMA)
+
+
+def _create_view(
+    connection: duckdb.DuckDBPyConnection,
+    keys: Sequence[str],
+    failures: Sequence[str],
+    parts: Sequence[Path],
+    others: pa.Table,
+) -> None:
+    ids = [*keys, *failures]
+    order = pa.table({"id": pa.array(ids, pa.string()), "place": pa.array(range(len(ids)), pa.int64())})
+    connection.register("order_given", order)
+    connection.execute("create table row_order as select * from order_given")
+    connection.unregister("order_given")
+    connection.register("others_given", others)
+    connection.execute("create table others as select * from others_given")
+    connection.unregister("others_given")
+    view = "select * from others"
+    if parts:
+        names = ", ".join(_quoted(path) for path in parts)
+        connection.execute(f"set allowed_paths = [{names}]")
+        wanted = "key in (select id from row_order)"
+        view = f"select * from read_parquet([{names}]) where {wanted} union all by name {view}"  # noqa: S608
+    connection.execute(f"create view recordings as {view}")
+    connection.execute("set enable_external_access = false")
+
+
+def _quoted(path: Path) -> str:
+    return "'" + str(path.absolute()).replace("'", "''") + "'"
+
+
+def _single_rows(output: Path, keys: Sequence[str], parts: dict[Path, set[str]]) -> list[Path]:
+    """Files of those rows that are not gathered."""
+    gathered = set().union(*parts.values())
+    paths = [output / ROWS / f"{key}.parquet" for key in keys if key not in gathered]
+    return [path for path in paths if path.exists()]
+
+
+def _parts(output: Path) -> dict[Path, set[str]]:
+    """Gathered files with the keys of their rows; one that is damaged, or has other columns, is left out.
+
+    So is a file with a row that another one has, as an interrupted gathering leaves it.
+    """
+    found: dict[Path, set[str]] = {}
+    for path in sorted((output / GATHERED).glob("*.parquet")):
+        try:
+            if not pq.read_schema(path).equals(SCHEMA):
+                continue
+            keys = set(pq.read_table(path, columns=["key"]).column("key").to_pylist())
+        except (OSError, pa.ArrowException):
+            continue
+        if all(keys.isdisjoint(others) for others in found.values()):
+            found[path] = keys
+    return found
+
+
+def gather_rows(output: Path, keys: Sequence[str]) -> None:
+    """Gather rows from 50 files of their own, or more, into files of many rows, so that queries open few.
+
+    Nothing is done while another process reads or gathers, or if the folder cannot be written.
+
+    Args:
+        output: folder of the results.
+        keys: keys of results; those that are gathered already are left out.
+
+    Raises:
+        ArchiveError: a row's file is damaged.
+    """
+    if len(_single_rows(output, keys, _parts(output))) < GATHER_FROM_ROWS:
+        return
+    with contextlib.suppress(OutputError, OSError), _write_lock(output):
+        parts = _parts(output)
+        for path in (output / GATHERED).glob("*.parquet"):
+            if path not in parts:
+                path.unlink()
+        small = [path for path, own in parts.items() if len(own) < MAX_PART_ROWS]
+        _write_parts([*small, *_single_rows(output, keys, parts)], output / GATHERED)
+        for path in small:
+            path.unlink()
+
+
+def _write_parts(paths: Sequence[Path], folder: Path) -> None:
+    """Write the rows of these files into new ones of about `MAX_PART_ROWS` rows."""
+    numbers = (number for number in count() if not (folder / f"{number:06d}.parquet").exists())
+    waiting: list[pa.Table] = []
+    for done, path in enumerate(paths, 1):
+        waiting.append(read_rows([path]))
+        if sum(map(len, waiting)) >= MAX_PART_ROWS or done == len(paths):
+            write_rows(pa.concat_tables(waiting), folder / f"{next(numbers):06d}.parquet")
+            waiting.clear()
+
+
+@contextmanager
+def _read_lock(output: Path) -> Iterator[None]:
+    """Keep the gathered files from being removed meanwhile; nothing is locked in a read-only folder."""
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError):
+            (output / GATHERED).mkdir(exist_ok=True)
+            stack.enter_context(_locked(output, fcntl.LOCK_SH))
+        yield
+
+
+@contextmanager
+def _write_lock(output: Path) -> Iterator[None]:
+    """Keep others from reading or writing the gathered files.
+
+    Raises:
+        OSError: another process does, or the folder cannot be written.
+    """
+    (output / GATHERED).mkdir(exist_ok=True)
+    with _locked(output, fcntl.LOCK_EX | fcntl.LOCK_NB):
+        yield
+
+
+@contextmanager
+def _locked(output: Path, operation: int) -> Iterator[None]:
+    with (output / GATHERED / _LOCK).open("ab") as file:
+        fcntl.flock(file, operation)
+        yield

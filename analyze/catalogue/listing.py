@@ -10,16 +10,15 @@ import duckdb
 import pyarrow as pa
 
 from analyze.batch.ledger import Entry, read_ledgers
-from analyze.batch.stored_results import read_results
+from analyze.batch.stored_results import open_results
 from analyze.catalogue.table import read_catalogue
 from analyze.errors import ArchiveError
 
 ANSWER_COLUMNS = (
     *("key", "strikes_used", "axes_used", "mass_kg", "com_x_m", "com_y_m", "com_z_m", "com_sd_x_m"),
     *("com_sd_y_m", "com_sd_z_m", "com_observed", "ixx_kg_m2", "iyy_kg_m2", "izz_kg_m2"),
-    *("strikes", "warnings"),
 )
-"""columns of the results that the listing reads"""
+"""columns of the results that the listing shows"""
 _FLAGS = """
     list_sort(list_distinct([flag for flag in list_concat(
         [
@@ -41,11 +40,12 @@ _FLAGS = """
 """
 _LISTING = f"""
     create table listing as select
-        c.*, a.* exclude (strikes, warnings), 1e3 * a.com_x_m as com_x_mm, 1e3 * a.com_y_m as com_y_mm,
-        1e3 * a.com_z_m as com_z_mm, nullif(l.reason, '') as failure_reason, {_FLAGS} as flags
+        c.*, {", ".join(f"a.{name}" for name in ANSWER_COLUMNS)},
+        1e3 * a.com_x_m as com_x_mm, 1e3 * a.com_y_m as com_y_mm, 1e3 * a.com_z_m as com_z_mm,
+        nullif(l.reason, '') as failure_reason, {_FLAGS} as flags
     from catalogue_given c
     left join ledger_given l on l.url = c.url
-    left join answers_given a on a.key = l.key
+    left join recordings a on a.key = l.key
     order by c.created, c.url
 """  # noqa: S608 - constants only
 
@@ -96,7 +96,7 @@ def list_recordings(output: Path, selection: Selection) -> pa.Table:
         selection: conditions.
 
     Returns:
-        Table with the columns of the catalogue, those of `ANSWER_COLUMNS` but the lists, com_x_mm to
+        Table with the columns of the catalogue, those of `ANSWER_COLUMNS`, com_x_mm to
         com_z_mm, failure_reason, and `flags`: in words, what is particular of a recording.
 
     Raises:
@@ -105,16 +105,11 @@ def list_recordings(output: Path, selection: Selection) -> pa.Table:
     """
     catalogue, ledger = read_catalogue(output), read_ledgers(output)
     entries = [ledger[url] for url in catalogue.column("url").to_pylist() if url in ledger]
-    answers = read_results(output, list(dict.fromkeys(each.key for each in entries if each.key)), [])
-    with duckdb.connect(":memory:") as connection:
-        for name, table in (
-            ("catalogue_given", catalogue),
-            ("ledger_given", _ledger_table(entries)),
-            ("answers_given", answers.select(ANSWER_COLUMNS)),
-        ):
-            connection.register(name, table)
+    keys = list(dict.fromkeys(each.key for each in entries if each.key))
+    with open_results(output, keys, []) as connection:
+        connection.register("catalogue_given", catalogue)
+        connection.register("ledger_given", _ledger_table(entries))
         connection.execute(_LISTING)
-        connection.execute("set enable_external_access = false")
         connection.execute("set lock_configuration = true")
         _refuse_unknown_flags(connection, selection.flags)
         conditions = selection.conditions()

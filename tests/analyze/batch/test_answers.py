@@ -57,6 +57,7 @@ def results(tmp_path_factory):
             ledger.add([Entry(row["url"], f"s{day}", "", "", f"k{day}", "", "", [])])
         failure = {
             "url": "/x.mcap",
+            "source_id": "sx",
             "status": "failed",
             "failure": "cut",
             "reason": "/runs[a]/x.mcap: ends early",

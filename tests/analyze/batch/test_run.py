@@ -316,7 +316,8 @@ def test_gathered_rows_equal_the_single_files(copied, monkeypatch):
     for path in (copied / "recordings").iterdir():
         path.write_bytes(b"gathered by now")
     assert read_recording_rows(copied).equals(alone)
-    (copied / "gathered.parquet").write_bytes(b"damaged")
+    for path in (copied / "gathered").glob("*.parquet"):
+        path.write_bytes(b"damaged")
     for path in (copied / "recordings").iterdir():
         path.unlink()
     assert read_recording_rows(copied).num_rows == len(KINDS), "what is in neither place is not there"
