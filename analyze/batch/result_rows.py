@@ -184,7 +184,7 @@ def write_row(row: Mapping[str, Any], path: Path) -> None:
     write_rows(pa.Table.from_pylist([dict(row)], schema=SCHEMA), path, **plain)
 
 
-def write_rows(rows: pa.Table, path: Path, **options: bool) -> None:
+def write_rows(rows: pa.Table, path: Path, **options: Any) -> None:
     """Write rows into one Parquet file, which appears complete or not at all.
 
     Args:

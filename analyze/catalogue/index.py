@@ -11,7 +11,7 @@ import os
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
-from contextlib import nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -111,17 +111,25 @@ def read_index_row(source: Source) -> Row:
     try:
         if source.size == 0:
             raise RecordingCut(f"{source.url}: is empty: nothing of it can be saved: record again")
-        with tempfile.TemporaryDirectory() as scratch:
-            local = nullcontext(Path(source.url)) if source.is_local else None
-            with (
-                local or sparse_copies(source, Path(scratch), images=False) as path,
-                open_recording(path) as recording,
-            ):
-                row |= _head_columns(recording)
+        with _local_head(source) as path, open_recording(path) as recording:
+            row |= _head_columns(recording)
     except Exception as error:  # whatever it is, the other recordings go on
         row |= {"state": failure_kind(error, source), "reason": " ".join(str(error).split())}
     own = [each for each in source.files if each.url.rsplit("/", 1)[-1] in row["files"]]
     return row | {"files_id": Source(tuple(own)).id}
+
+
+@contextmanager
+def _local_head(source: Source) -> Iterator[Path]:
+    """Path of the recording's first file; of one in a bucket, a copy without images."""
+    if source.is_local:
+        yield Path(source.url)
+        return
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        sparse_copies(source, Path(folder), images=False) as path,
+    ):
+        yield path
 
 
 def _is_known(catalogue: Catalogue, source: Source) -> bool:

@@ -9,6 +9,7 @@ nor does a renamed one.
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -82,11 +83,11 @@ def _candidates(folder: Path, stem: str, suffix: str) -> list[tuple[int, Path]]:
         rf"{re.escape(stem)}(?:-(\d{{4,}}))?{re.escape(suffix)}(?:{re.escape(PART_SUFFIX)})?"
     )
     try:
-        files = sorted(folder.iterdir())
+        names = os.listdir(folder)  # noqa: PTH208 - of thousands of files, paths are made for few
     except OSError:  # a folder that may be entered, but not listed
         return []
-    matches = [(pattern.fullmatch(file.name), file) for file in files]
-    return [(int(match[1] or 1), file) for match, file in matches if match]
+    matches = [pattern.fullmatch(name) for name in sorted(names) if name.startswith(stem)]
+    return [(int(match[1] or 1), folder / match[0]) for match in matches if match]
 
 
 def _manifest(path: Path) -> SessionManifest | None:

@@ -334,10 +334,11 @@ class Recording:
         if self.manifest.time_source is not TimeSource.DEVICE_MAPPED:
             return
         for camera in self.manifest.cameras:
-            if len(self.times(topics.raw_image(camera.name).name)) == 0:
-                continue
+            # The images' index, which is long, is read only where it decides.
             clocks = self.decoded(topics.CLOCK_SAMPLE.name, pb.ClockSample)
-            if not any(sample.clock == f"camera/{camera.name}" for _, sample in clocks):
+            if any(sample.clock == f"camera/{camera.name}" for _, sample in clocks):
+                continue
+            if len(self.times(topics.raw_image(camera.name).name)):
                 raise RecordingError(
                     f"{self.path}: frame times are mapped from the clock of camera {camera.name!r}, but the "
                     "file holds no sample of that clock: they cannot be trusted: record again"
