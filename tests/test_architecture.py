@@ -51,8 +51,8 @@ OWNERS = {
         "analyze/geometry/mesh_repair.py",
     },
     "distributed": {"analyze/batch/cluster.py"},
-    "duckdb": {"analyze/batch/query.py"},
-    "fsspec": {"analyze/batch/"},
+    "duckdb": {"analyze/batch/query.py", "analyze/batch/stored_results.py", "analyze/catalogue/listing.py"},
+    "fsspec": {"analyze/batch/", "analyze/catalogue/"},
     "matplotlib": {
         "analyze/api/",
         "analyze/replay/tip_drawing.py",

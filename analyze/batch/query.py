@@ -15,7 +15,7 @@ import duckdb
 import pyarrow as pa
 
 from analyze.batch.ledger import read_ledgers
-from analyze.batch.stored_results import open_results, read_results
+from analyze.batch.stored_results import gather_rows, open_results, read_results
 from analyze.errors import ArchiveError
 
 LIST_TABLES = ("strikes", "moments", "regions", "warnings")
@@ -47,6 +47,15 @@ def open_recording_rows(output: Path) -> Iterator[duckdb.DuckDBPyConnection]:
             )
         connection.execute("set lock_configuration = true")
         yield connection
+
+
+def gather_results(output: Path) -> None:
+    """Gather the rows of a batch in few files, so that the first query need not open thousands.
+
+    Raises:
+        ArchiveError: a row's file is damaged.
+    """
+    gather_rows(output, [entry.key for entry in read_ledgers(output).values() if entry.key])
 
 
 def read_recording_rows(output: Path) -> pa.Table:

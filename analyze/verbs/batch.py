@@ -187,6 +187,7 @@ def _run(work: Work, output: Path, settings: BatchSettings, options: BatchOption
         click.exceptions.Exit: the run was interrupted (exit code INTERRUPTED), or a recording failed (exit
             code LOSS).
     """
+    from analyze.batch.query import gather_results
     from analyze.batch.run import run_batch
     from analyze.batch.run_report import BatchProgress, render_report
 
@@ -195,6 +196,8 @@ def _run(work: Work, output: Path, settings: BatchSettings, options: BatchOption
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with BatchProgress(len(work.todo)) as progress:
         report = run_batch(work, output, settings, options, progress)
+        if not report.interrupted:
+            gather_results(output)
     render_report(report, output)
     if report.interrupted:
         raise click.exceptions.Exit(INTERRUPTED)

@@ -114,9 +114,10 @@ def _analysis(many: int, cores: int, known: Measured, prices: Prices) -> Iterato
     gets = many * known.requests
     value = f"{many * each / TB:.0f} TB, {gets / 1e6:.0f} million requests"
     gigabits = cores * each / known.analysis_s / 1e9 * 8
+    at_limit = gets / prices.gets_per_s / 3600
     how = (
         f"{gets / 1000 * prices.per_1000_get:,.0f} $, in the same region nothing for bytes; "
-        f"{gigabits:.0f} Gbit/s for {cores} cores; {gets / prices.gets_per_s / 3600:.1f} h at the limit of a prefix"
+        f"{gigabits:.0f} Gbit/s for {cores} cores; {at_limit:.1f} h at the limit of a prefix"
     )
     yield "reading for it", value, how
 

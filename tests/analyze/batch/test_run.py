@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import fcntl
 import json
 import os
 import shutil
@@ -23,6 +24,7 @@ from analyze.batch.query import read_recording_rows, run_query
 from analyze.batch.result_rows import STAMPS
 from analyze.batch.run import BatchOptions, plan_work, run_batch
 from analyze.batch.settings import BatchSettings
+from analyze.batch.stored_results import gather_rows
 from analyze.batch.worker_messages import Request
 from analyze.batch.worker_process import Limits, WorkerProcess, WorkerStoppedError
 from analyze.cli import main
@@ -321,6 +323,30 @@ def test_gathered_rows_equal_the_single_files(copied, monkeypatch):
     for path in (copied / "recordings").iterdir():
         path.unlink()
     assert read_recording_rows(copied).num_rows == len(KINDS), "what is in neither place is not there"
+
+
+def test_small_gathered_files_are_merged_and_a_repeated_row_counts_once(copied, monkeypatch):
+    monkeypatch.setattr("analyze.batch.stored_results.GATHER_FROM_ROWS", 1)
+    alone = read_recording_rows(copied)
+    keys = [key for key in alone.column("key").to_pylist() if key]
+    for part in ([keys[0]], keys):
+        gather_rows(copied, part)
+    (merged,) = (copied / "gathered").glob("*.parquet")
+    # As a run leaves it that was killed before it removed what it had merged.
+    (copied / "gathered" / "999999.parquet").write_bytes(merged.read_bytes())
+    assert read_recording_rows(copied).equals(alone)
+    assert run_query(copied, "select count(*) n from recordings").to_pylist() == [{"n": len(alone)}]
+
+
+def test_rows_are_not_gathered_while_another_process_reads_them(copied, monkeypatch):
+    monkeypatch.setattr("analyze.batch.stored_results.GATHER_FROM_ROWS", 1)
+    alone = read_recording_rows(copied)
+    for path in (copied / "gathered").glob("*.parquet"):
+        path.unlink()
+    with (copied / "gathered" / "lock").open("ab") as reader:
+        fcntl.flock(reader, fcntl.LOCK_SH)
+        assert read_recording_rows(copied).equals(alone)
+        assert not list((copied / "gathered").glob("*.parquet"))
 
 
 def test_query_can_read_the_tables_and_nothing_else(finished):

@@ -36,6 +36,7 @@ WRITERS = {
     ("import", "-o"): ["import", "a.mp4", "--object", "o.toml", "--plan", "p.json"],
     ("query", "--save"): ["query", "select 1"],
     ("batch", "--save"): ["batch", "--summary"],
+    ("archive list", "--save"): ["archive", "list"],
     ("reproduce cube-tosses", "--plot"): ["reproduce", "cube-tosses"],
 }
 """a command line for each option that names a file to write, without that option"""
