@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from analyze.batch.rig_columns import rig_columns, shared_columns
 from analyze.errors import ArchiveError
 from analyze.types import TENSOR_ENTRIES, tensor_entry_name
 from schemas.output_file import write_bytes
@@ -67,6 +68,9 @@ SCHEMA = pa.schema(
         ("estimated_by", _S),
         ("time_source", _S),
         ("camera", _S),
+        ("rig", _S),
+        ("camera_serial", _S),
+        ("striker", _S),
         ("frames_lost", _I),
         ("strikes_recorded", _I),
         ("strikes_used", _I),
@@ -74,6 +78,7 @@ SCHEMA = pa.schema(
         ("mass_kg", _F),
         *((f"com_{axis}_m", _F) for axis in "xyz"),
         *((f"com_sd_{axis}_m", _F) for axis in "xyz"),
+        *((f"com_shared_sd_{axis}_m", _F) for axis in "xyz"),
         ("com_observed", _B),
         *((f"{name}_kg_m2", _F) for name in TENSOR_COLUMNS),
         *((f"{name}_sd_kg_m2", _F) for name in TENSOR_COLUMNS),
@@ -82,6 +87,15 @@ SCHEMA = pa.schema(
         ("regions", pa.list_(_REGION)),
         ("moments", pa.list_(_AXIS)),
         ("strikes", pa.list_(_STRIKE)),
+        *(
+            (name, _F)
+            for name in (
+                *("range_ratio", "range_ratio_sd", "rest_turn_rad", "rest_turn_sd_rad"),
+                *("tilt_x_rad", "tilt_x_sd_rad", "tilt_y_rad", "tilt_y_sd_rad"),
+                *("striker_speed_ratio", "striker_speed_ratio_sd"),
+                *("frame_rate_ratio", "frame_rate_ratio_sd"),
+            )
+        ),
         ("verdict", pa.list_(_S)),
         ("warnings", pa.list_(_WARNING)),
         ("result_json", _S),
@@ -134,6 +148,7 @@ def answer_columns(answer: Answer) -> dict[str, Any]:
             f"com_sd_{axis}_m": value
             for axis, value in zip("xyz", _numbers(result.centre_of_mass.sd), strict=True)
         },
+        **shared_columns(answer.estimate.sensitivity),
         "com_observed": result.centre_of_mass.observed,
         **{f"{name}_kg_m2": values[i][j] for name, (i, j) in TENSOR_COLUMNS.items()},
         **{f"{name}_sd_kg_m2": spread[i][j] for name, (i, j) in TENSOR_COLUMNS.items()},
@@ -167,6 +182,7 @@ def answer_columns(answer: Answer) -> dict[str, Any]:
             }
             for each in result.strikes
         ],
+        **rig_columns(evidence, result),
         "verdict": list(result.verdict or []),
         "warnings": [{"code": each.code.value, "text": each.text} for each in result.warnings],
         "result_json": answer.json(),
@@ -202,6 +218,8 @@ def write_rows(rows: pa.Table, path: Path, **options: Any) -> None:
 
 def read_rows(paths: Sequence[Path]) -> pa.Table:
     """Read the rows of Parquet files as one table in the order of the files; empty without files.
+
+    Columns that an older version did not write are null.
 
     Raises:
         ArchiveError: a file is damaged.

@@ -75,7 +75,7 @@ def read_results(output: Path, keys: Sequence[str], failures: Sequence[str]) -> 
             "select recordings.* from recordings join row_order on row_order.id = coalesce(key, source_id) "
             "order by place"
         ).to_arrow_table()
-    return found.cast(SCHEMA)
+    return found.select(SCHEMA.names).cast(SCHEMA)
 
 
 def _create_view(
@@ -98,7 +98,7 @@ def _create_view(
         names = ", ".join(_quoted(path) for path in parts)
         connection.execute(f"set allowed_paths = [{names}]")
         wanted = "key in (select id from row_order)"
-        view = f"select * from read_parquet([{names}]) where {wanted} union all by name {view}"  # noqa: S608
+        view = f"select * from read_parquet([{names}], union_by_name = true) where {wanted} union all by name {view}"  # noqa: S608
     connection.execute(f"create view recordings as {view}")
     connection.execute("set enable_external_access = false")
 
@@ -117,12 +117,13 @@ def _single_rows(output: Path, keys: Sequence[str], parts: dict[Path, set[str]])
 def _parts(output: Path) -> dict[Path, set[str]]:
     """Gathered files with the keys of their rows; one that is damaged, or has other columns, is left out.
 
-    So is a file with a row that another one has, as an interrupted gathering leaves it.
+    Columns may be missing, which an older version did not write. A file with a row that another one has, as
+    an interrupted gathering leaves it, is left out too.
     """
     found: dict[Path, set[str]] = {}
     for path in sorted((output / GATHERED).glob("*.parquet")):
         try:
-            if not pq.read_schema(path).equals(SCHEMA):
+            if not set(pq.read_schema(path)) <= set(SCHEMA):
                 continue
             keys = set(pq.read_table(path, columns=["key"]).column("key").to_pylist())
         except (OSError, pa.ArrowException):

@@ -57,6 +57,8 @@ class ImpactMeasurement:
     """speed of the striker's tip just before contact [m/s]"""
     height: float
     """height of the striker's tip over the table [m]"""
+    commanded_speed: float | None = None
+    """tip speed that the striker was ordered to reach [m/s]; None if none was"""
 
 
 class StrikeSource(Protocol):

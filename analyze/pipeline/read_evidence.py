@@ -227,7 +227,9 @@ def evidence_from_readings(
         struck.overridden,
         {reading.record.strike_id: reading.frames_lost for reading in readings},
         {
-            record.strike_id: ImpactMeasurement(record.tip_speed_m_s, record.impact_height_m)
+            record.strike_id: ImpactMeasurement(
+                record.tip_speed_m_s, record.impact_height_m, record.tip_speed_command_m_s or None
+            )
             for record in records
             if record.tip_speed_m_s > 0 and record.impact_height_m > 0
         },
