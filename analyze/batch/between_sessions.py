@@ -179,9 +179,7 @@ def restricted_likelihood_sd(value: Array, sd: Array) -> float:
     def loss(tau: float) -> float:
         variance = sd**2 + tau**2
         weight = 1.0 / variance
-        return float(
-            np.log(variance).sum() + math.log(weight.sum()) + weighted_chi_square(value, sd, tau**2)
-        )
+        return float(np.log(variance).sum() + math.log(weight.sum()) + weighted_chi_square(value, sd, tau**2))
 
     highest = 2.0 * float(np.ptp(value)) + 1e-9 * float(sd.min())
     start = np.linspace(0.0, highest, 60)

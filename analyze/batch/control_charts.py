@@ -122,7 +122,7 @@ def control_chart(value: Array, stated_sd: Array, baseline: int = BASELINE) -> C
     # sd of each session times the quantile: the moving range's is an estimate, the stated one is known.
     wide = math.sqrt(1 + 1 / len(kept)) * np.maximum(_quantile(INDIVIDUAL_SIGMAS, freedom) * sd, 3.0 * own)
     away = np.clip(value - centre, -wide, wide)
-    ewma = lfilter([EWMA_WEIGHT], [1.0, EWMA_WEIGHT - 1.0], away)
+    ewma: Array = np.asarray(lfilter([EWMA_WEIGHT], [1.0, EWMA_WEIGHT - 1.0], away))
     by_range = _quantile(EWMA_SIGMAS, freedom) * sd
     of_one = np.maximum(by_range, EWMA_SIGMAS * own)
     return ControlChart(
@@ -158,6 +158,6 @@ def _ewma_half(of_one: Array, kept: int) -> Array:
     sd^2 lambda / (2 - lambda) (1 - (1 - lambda)^(2 t)); the error of the centre enters with what the EWMA
     has forgotten of its start, 1 - (1 - lambda)^t.
     """
-    squares = lfilter([EWMA_WEIGHT**2], [1.0, -((1.0 - EWMA_WEIGHT) ** 2)], of_one**2)
+    squares: Array = np.asarray(lfilter([EWMA_WEIGHT**2], [1.0, -((1.0 - EWMA_WEIGHT) ** 2)], of_one**2))
     seen = 1.0 - (1.0 - EWMA_WEIGHT) ** np.arange(1, len(of_one) + 1)
     return np.sqrt(squares + seen**2 * np.median(of_one) ** 2 / kept)

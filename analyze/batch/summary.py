@@ -14,13 +14,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
 from scipy.special import chdtrc, stdtr, stdtrit
 
+from analyze.batch.control_charts import BASELINE
+from analyze.batch.control_rows import ControlSummary, control_summary, is_measured
+from analyze.batch.sessions import Row, distinct_sessions, start_seconds
 from analyze.result.digits import ScaledUnit
 from analyze.types import Array
 from schemas.session_manifest import TimeSource
@@ -110,6 +111,8 @@ class Summary:
     objects: tuple[tuple[str, str, int, int, int, int], ...]
     """per object: name, SHA-256, and numbers of sessions, of strikes recorded and used, and of sessions whose
     frame times come from a file instead of a rig's clock"""
+    control: ControlSummary
+    """control charts of the rigs, and of the objects' values"""
 
     @property
     def standing_out(self) -> tuple[Repeated, ...]:
@@ -122,11 +125,12 @@ class Summary:
         return tuple(sorted(found, key=lambda each: -each.chi_square))
 
 
-def summarise(rows: pa.Table) -> Summary:
-    """Summarise the results of an archive: objects, repeatability per object, and failures by kind.
+def summarise(rows: pa.Table, baseline: int = BASELINE) -> Summary:
+    """Summarise an archive's results: objects, repeatability per object, failures by kind, control charts.
 
     Args:
         rows: table with one row per recording, from `read_recording_rows`.
+        baseline: number of sessions, from a control chart's first, that give its limits; at least 8.
 
     Returns:
         Number of recordings with results; the objects with their numbers of sessions and strikes; for each
@@ -135,9 +139,10 @@ def summarise(rows: pa.Table) -> Summary:
     """
     listed = rows.to_pylist()
     good = [row for row in listed if row["status"] == "ok"]
-    by_object: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    listed_by_object: dict[tuple[str, str], list[Row]] = {}
     for row in good:
-        by_object.setdefault((row["object"], row["object_sha256"]), []).append(row)
+        listed_by_object.setdefault((row["object"], row["object_sha256"]), []).append(row)
+    by_object = {key: distinct_sessions(sessions) for key, sessions in listed_by_object.items()}
     failures: dict[str, list[str]] = {}
     for row in listed:
         if row["status"] != "ok":
@@ -162,29 +167,25 @@ def summarise(rows: pa.Table) -> Summary:
             )
             for (name, sha256), each in sorted(by_object.items())
         ),
+        control=control_summary(good, QUANTITIES, baseline),
     )
 
 
-def _total(sessions: Sequence[dict[str, Any]], column: str) -> int:
+def _total(sessions: Sequence[Row], column: str) -> int:
     return sum(row[column] for row in sessions)
 
 
-def _without_rig_clock(sessions: Sequence[dict[str, Any]]) -> int:
+def _without_rig_clock(sessions: Sequence[Row]) -> int:
     return sum(row["time_source"] not in {None, TimeSource.DEVICE_MAPPED.value} for row in sessions)
 
 
-def _repeated(name: str, sha256: str, sessions: Sequence[dict[str, Any]]) -> Iterator[Repeated]:
+def _repeated(name: str, sha256: str, sessions: Sequence[Row]) -> Iterator[Repeated]:
     for quantity, column, sd_column, factor, unit in QUANTITIES:
         # A value taken from the shape repeats without being measured.
-        measured = [
-            row
-            for row in sessions
-            if row.get(column.replace("_kg_m2", "_measured"), True) is not False and row["com_observed"]
-        ]
         known = [
-            (row[column], row[sd_column], _seconds(row["created"]))
-            for row in measured
-            if row[column] is not None and row[sd_column]
+            (row[column], row[sd_column], start_seconds(row["created"]))
+            for row in sessions
+            if is_measured(row, column) and row[sd_column]
         ]
         if known:
             yield _statistics(name, sha256, quantity, unit, factor, known)
@@ -192,7 +193,7 @@ def _repeated(name: str, sha256: str, sessions: Sequence[dict[str, Any]]) -> Ite
         # If the body is not a shell with two uniform parts, its region masses are the middle of the interval
         # that any filling allows: they repeat without being measured.
         known = [
-            (each["mass_kg"], each["sd_kg"], _seconds(row["created"]))
+            (each["mass_kg"], each["sd_kg"], start_seconds(row["created"]))
             for row in sessions
             for each in row["regions"] or []
             if each["name"] == region
@@ -274,11 +275,3 @@ def _drift(value: Array, sd: Array, when: Array) -> tuple[float, float]:
     left = value - weight @ value / weight.sum() - slope * days
     wider = max(1.0, float(weight @ left**2) / (len(when) - 2))
     return slope, math.sqrt(wider / float(weight @ days**2))
-
-
-def _seconds(created: str | None) -> float:
-    try:
-        moment = datetime.fromisoformat(created or "")
-    except ValueError:
-        return math.nan
-    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()

@@ -12,6 +12,15 @@ from markupsafe import Markup
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from analyze.batch.control_output import (
+    CONTROL_COLUMNS,
+    chance_text,
+    control_figures,
+    control_rows,
+    limits_text,
+    print_control,
+    signal_text,
+)
 from analyze.batch.query_output import plain_console, save_answer
 from analyze.batch.summary import Repeated, Summary
 from analyze.errors import ArchiveError
@@ -41,9 +50,10 @@ def render_summary(summary: Summary) -> None:
     """Print a summary of an archive's results on standard output.
 
     Tables: measured quantities that vary over an object's sessions beyond chance (scatter, or drift with
-    time), objects, repeatability per object, and failures.
+    time), what is out of control in the control charts, objects, repeatability per object, and failures.
     """
     console = plain_console()
+    print_control(console, summary.control)
     if summary.standing_out:
         _print_standing_out(console, summary)
     objects = Table(title="Objects", title_justify="left")
@@ -148,8 +158,9 @@ def stands_out_text(each: Repeated) -> str:
 def save_summary(summary: Summary, path: Path) -> list[Path]:
     """Write a summary of an archive's results as HTML, CSV or Parquet, by the path's suffix.
 
-    As CSV or Parquet, `path` holds the table of repeatability; the tables of objects and failures are written
-    beside it as `<stem>-objects` and `<stem>-failures` with the same suffix.
+    As CSV or Parquet, `path` holds the table of repeatability; the tables of objects, failures and control
+    charts are written beside it as `<stem>-objects`, `<stem>-failures` and `<stem>-control` with the same
+    suffix.
 
     Returns:
         Paths of the files written, `path` first; the only one for HTML.
@@ -165,7 +176,16 @@ def save_summary(summary: Summary, path: Path) -> list[Path]:
             path,
             page_environment()
             .get_template("archive.html")
-            .render(summary=summary, cells=cells, stands_out_text=stands_out_text, figures=_figures(summary)),
+            .render(
+                summary=summary,
+                cells=cells,
+                stands_out_text=stands_out_text,
+                figures=_figures(summary),
+                control=control_figures(summary.control),
+                signal_text=signal_text,
+                limits_text=limits_text,
+                chance=chance_text(summary.control),
+            ),
         )
         return [path]
     written: list[Path] = []
@@ -173,6 +193,7 @@ def save_summary(summary: Summary, path: Path) -> list[Path]:
         ("", _REPEATED, [asdict(each) for each in summary.repeated]),
         ("-objects", _OBJECTS, [dict(zip(dict(_OBJECTS), row, strict=True)) for row in summary.objects]),
         ("-failures", _FAILURES, [dict(zip(dict(_FAILURES), row, strict=True)) for row in summary.failures]),
+        ("-control", CONTROL_COLUMNS, list(control_rows(summary.control))),
     ):
         # An empty table is written too, so that an earlier summary's file is not mistaken for this one's.
         place = path.with_name(f"{path.stem}{name}{path.suffix}")

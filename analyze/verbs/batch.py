@@ -104,6 +104,8 @@ class _BatchArguments:
     """True to summarise the results in the folder, and analyse nothing"""
     save: Path | None
     """file to write the summary to; None to print it"""
+    baseline: int | None
+    """number of sessions that give the limits of a control chart; None for the default"""
 
 
 @click.command()
@@ -144,15 +146,22 @@ class _BatchArguments:
 )
 @click.option("--summary", is_flag=True, help="Analyse nothing; summarise the results in the folder.")
 @path_option("--save", help="With --summary: the file to write it to (.html, .csv or .parquet).")
+@click.option(
+    "--baseline",
+    type=click.IntRange(8),
+    help="With --summary: sessions, from the first, that give a control chart's limits.  [default: 20]",
+)
 @one_line
 @pass_options(_BatchArguments)
 def batch(arguments: _BatchArguments) -> None:
     """Estimate from every recording in folders, globs and buckets; later runs repeat only what changed."""
     if arguments.summary:
-        _summarise(arguments.output, arguments.save)
+        _summarise(arguments.output, arguments.save, arguments.baseline)
         return
     if arguments.save is not None:
         raise click.UsageError("--save needs --summary: add it")
+    if arguments.baseline is not None:
+        raise click.UsageError("--baseline needs --summary: add it")
     if not arguments.paths:
         raise click.UsageError("no recordings are named: give a folder, a glob, or s3://bucket/folder")
     from analyze.batch.archive import find_sources
@@ -205,14 +214,15 @@ def _run(work: Work, output: Path, settings: BatchSettings, options: BatchOption
         raise click.exceptions.Exit(LOSS)
 
 
-def _summarise(output: Path, save: Path | None) -> None:
+def _summarise(output: Path, save: Path | None, baseline: int | None) -> None:
     """Print a summary of the results in the folder `output`, or write it to the file `save` if given."""
+    from analyze.batch.control_charts import BASELINE
     from analyze.batch.query import read_recording_rows
     from analyze.batch.summary import summarise
     from analyze.batch.summary_output import render_summary, save_summary
 
     refuse_outputs([save])
-    summary = summarise(read_recording_rows(output))
+    summary = summarise(read_recording_rows(output), baseline or BASELINE)
     if save is None:
         render_summary(summary)
         return
