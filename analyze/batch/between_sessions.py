@@ -20,9 +20,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
-from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize import OptimizeResult, brentq, minimize_scalar
 from scipy.special import chdtrc, chdtri, stdtr, stdtrit
 
 from analyze.types import Array
@@ -30,6 +31,7 @@ from analyze.types import Array
 ODD_PROBABILITY = 0.01
 """p-value, over all sessions together, below which one session counts as standing out"""
 _TAIL = 0.025
+_TIGHT = {"xatol": 1e-9}
 
 
 @dataclass(frozen=True)
@@ -185,7 +187,8 @@ def restricted_likelihood_sd(value: Array, sd: Array) -> float:
     start = np.linspace(0.0, highest, 60)
     best = int(np.argmin([loss(tau) for tau in start]))
     bounds = (start[max(best - 1, 0)], start[min(best + 1, len(start) - 1)])
-    found = float(minimize_scalar(loss, bounds=bounds, method="bounded", options={"xatol": 1e-9}).x)
+    solved = cast("OptimizeResult", minimize_scalar(loss, bounds=bounds, method="bounded", options=_TIGHT))
+    found = float(solved.x)
     return found if loss(found) < loss(0.0) else 0.0
 
 
@@ -260,6 +263,7 @@ def _variance_at(value: Array, sd: Array, target: float) -> float:
         return 0.0
     # Q(v) <= sum (y - mean)^2 / v, so that the root lies below this bound.
     highest = float(((value - value.mean()) ** 2).sum()) / target
-    return float(
-        brentq(lambda v: weighted_chi_square(value, sd, v) - target, 0.0, highest * (1 + 1e-9), xtol=1e-14)
+    highest *= 1 + 1e-9
+    return cast(
+        "float", brentq(lambda v: weighted_chi_square(value, sd, v) - target, 0.0, highest, xtol=1e-14)
     )

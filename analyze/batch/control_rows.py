@@ -208,7 +208,7 @@ def _object_series(
             if not known:
                 continue
             value = np.array([row[column] for row in known])
-            sd = np.array([_own_sd(row, sd_column) for row in known])
+            sd = np.array([own_sd(row, sd_column) for row in known])
             weight = 1.0 / sd[:baseline] ** 2
             scores = (value - weight @ value[:baseline] / weight.sum()) / sd
             yield _Series(False, quantity, "sd", known, scores.tolist(), [1.0] * len(known))
@@ -222,7 +222,7 @@ def is_measured(row: Row, column: str) -> bool:
     return measured and bool(row["com_observed"]) and row[column] is not None
 
 
-def _own_sd(row: Row, sd_column: str) -> float:
+def own_sd(row: Row, sd_column: str) -> float:
     """Stated sd without the part that all sessions of the object may share, where that is known."""
     sd, shared = float(row[sd_column]), row.get(sd_column.replace("_sd_", "_shared_sd_"))
     if sd_column.startswith("com_") and shared is not None and shared < sd:

@@ -79,6 +79,7 @@ SCHEMA = pa.schema(
         *((f"com_{axis}_m", _F) for axis in "xyz"),
         *((f"com_sd_{axis}_m", _F) for axis in "xyz"),
         *((f"com_shared_sd_{axis}_m", _F) for axis in "xyz"),
+        ("com_own_covariance_m2", pa.list_(_F)),
         ("com_observed", _B),
         *((f"{name}_kg_m2", _F) for name in TENSOR_COLUMNS),
         *((f"{name}_sd_kg_m2", _F) for name in TENSOR_COLUMNS),

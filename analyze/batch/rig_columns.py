@@ -63,19 +63,25 @@ def rig_columns(evidence: Evidence, result: Result) -> dict[str, Any]:
     }
 
 
-def shared_columns(sensitivity: Sensitivity) -> dict[str, float]:
-    """Columns `com_shared_sd_x_m`, y and z: sd [m] of c by errors that sessions of one object may share.
+def shared_columns(sensitivity: Sensitivity) -> dict[str, float | list[float]]:
+    """Columns on the two parts of the error of c: new in each session, and shared by sessions of one object.
 
-    They are all but the frames' noise and the scatter from strike to strike: shape, edges, masses, markers,
-    gravity, and the table's tilt, which only sessions on one levelling share.
+    New are the frames' noise and the scatter from strike to strike. The others may be shared: shape, edges,
+    masses, markers, gravity, and the table's tilt, which only sessions on one levelling share.
+
+    - `com_shared_sd_x_m`, y and z: sd [m] by what may be shared;
+    - `com_own_covariance_m2`: covariance (3, 3) [m^2] by what is new, row by row in the object frame O.
     """
-    variance = np.zeros(3)
+    shared, own = np.zeros((3, 3)), np.zeros((3, 3))
     for share in sensitivity.shares:
-        if share.source not in OWN_SOURCES:
-            variance += np.diag(share.covariance)
+        part = own if share.source in OWN_SOURCES else shared
+        part += share.covariance
     return {
-        f"com_shared_sd_{axis}_m": math.sqrt(max(0.0, float(each)))
-        for axis, each in zip("xyz", variance, strict=True)
+        **{
+            f"com_shared_sd_{axis}_m": math.sqrt(max(0.0, float(each)))
+            for axis, each in zip("xyz", np.diag(shared), strict=True)
+        },
+        "com_own_covariance_m2": own.ravel().tolist(),
     }
 
 

@@ -8,6 +8,7 @@ from analyze.verbs.archive.copies import duplicates, superseded
 from analyze.verbs.archive.export import export
 from analyze.verbs.archive.index import index
 from analyze.verbs.archive.list_ import list_
+from analyze.verbs.archive.object_sessions import object_
 from analyze.verbs.archive.scrub import scrub
 from schemas.command_line import CommandGroup
 
@@ -17,5 +18,5 @@ def archive() -> None:
     """Know an archive: list, search and scrub its recordings, find copies, export a part."""
 
 
-for _verb in (index, list_, scrub, duplicates, superseded, export):
+for _verb in (index, list_, scrub, duplicates, superseded, export, object_):
     archive.add_command(_verb)

@@ -72,6 +72,7 @@ def _row(rng: np.random.Generator, name: str, number: int, week: int, com: np.nd
         **dict(zip(("com_x_m", "com_y_m", "com_z_m"), com + rng.normal(0, scatter, 3), strict=True)),
         **{f"com_sd_{axis}_m": float(np.hypot(OWN_SD_M, SHARED_SD_M)) for axis in "xyz"},
         **{f"com_shared_sd_{axis}_m": SHARED_SD_M for axis in "xyz"},
+        "com_own_covariance_m2": (OWN_SD_M**2 * np.eye(3)).ravel().tolist(),
         **{
             f"{entry}_kg_m2": value * (1 + rng.normal(0, 0.006))
             for entry, value in zip(("ixx", "iyy", "izz"), inertia, strict=True)
