@@ -75,7 +75,7 @@ class SessionsEstimate:
     scatter: float
     """sd of the values from session to session; NaN for one session"""
     left_out: tuple[LeftOut, ...]
-    """for each session the estimate without it; empty with fewer than three sessions"""
+    """for each session the estimate without it; empty with fewer than three sessions, or if not asked for"""
 
     @property
     def odd(self) -> tuple[int, ...]:
@@ -89,12 +89,13 @@ class SessionsEstimate:
         return self.scatter / self.stated_sd
 
 
-def estimate_over_sessions(value: Array, sd: Array) -> SessionsEstimate:
+def estimate_over_sessions(value: Array, sd: Array, *, influence: bool = True) -> SessionsEstimate:
     """Random-effects estimate of a quantity from the sessions' values and stated standard deviations.
 
     Args:
         value: (n,) values of n sessions, n at least 1, in any unit.
         sd: (n,) stated standard deviations, above 0, in the same unit.
+        influence: True to estimate without each session in turn as well.
 
     Raises:
         ValueError: there is no session, or a value is not finite, or an sd is not above 0.
@@ -105,21 +106,20 @@ def estimate_over_sessions(value: Array, sd: Array) -> SessionsEstimate:
     # In units of the median sd about the median: moments of inertia and lengths have very different sizes.
     y, s = (value - origin) / unit, sd / unit
     found = _estimate(y, s)
-    factor = unit
     return SessionsEstimate(
         sessions=len(value),
-        mean=origin + factor * found.mean,
-        mean_sd=factor * found.se,
-        mean_half=factor * found.mean_half,
-        between_sd=factor * found.tau,
-        between_interval=(factor * found.tau_ends[0], factor * found.tau_ends[1]),
-        between_sd_reml=factor * found.tau_reml,
-        prediction_half=factor * found.prediction_half,
+        mean=origin + unit * found.mean,
+        mean_sd=unit * found.se,
+        mean_half=unit * found.mean_half,
+        between_sd=unit * found.tau,
+        between_interval=(unit * found.tau_ends[0], unit * found.tau_ends[1]),
+        between_sd_reml=unit * found.tau_reml,
+        prediction_half=unit * found.prediction_half,
         chi_square=found.chi_square,
         p_value=found.p_value,
         stated_sd=unit,
         scatter=float(value.std(ddof=1)) if len(value) > 1 else math.nan,
-        left_out=tuple(_left_out(y, s, found.mean, factor)) if len(value) > 2 else (),
+        left_out=tuple(_left_out(y, s, found.mean, unit)) if influence and len(value) > 2 else (),
     )
 
 

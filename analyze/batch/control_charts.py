@@ -43,6 +43,8 @@ EWMA_WEIGHT, EWMA_SIGMAS = 0.2, 2.962
 with known limits (J. M. Lucas and M. S. Saccucci, 1990, Technometrics 32, 1, table 3)"""
 INDIVIDUAL_SIGMAS = 3.0
 """half width of the individual sessions' limits in sd"""
+UNSTEADY_SIGMAS = 3.09
+"""normal score of the baseline's order above which it counts as drifting: by chance one in a thousand"""
 FALSE_ALARMS_PER_SESSION = 1.0 / 200.0
 """upper bound of the false alarms per session and chart, of both charts together (by simulation)"""
 _FREEDOM_MEAN, _FREEDOM_MEDIAN = 0.605, 0.37
@@ -72,6 +74,8 @@ class ControlChart:
     """(n,) exponentially weighted moving average"""
     ewma_half: Array
     """(n,) half width of its limits about the centre"""
+    unsteady: bool
+    """True if the baseline itself drifts, so that its limits are too wide or off centre"""
 
     @property
     def outside(self) -> NDArray[np.bool_]:
@@ -85,8 +89,8 @@ class ControlChart:
 
     @property
     def in_control(self) -> bool:
-        """True if no session is outside its limits, and the EWMA never was."""
-        return not (self.outside.any() or self.drifted.any())
+        """True if no session is outside its limits, the EWMA never was, and the baseline is steady."""
+        return not (self.unsteady or self.outside.any() or self.drifted.any())
 
     @property
     def in_phase_two(self) -> int:
@@ -135,6 +139,7 @@ def control_chart(value: Array, stated_sd: Array, baseline: int = BASELINE) -> C
         half=wide,
         ewma=centre + ewma,
         ewma_half=_ewma_half(of_one, len(kept)),
+        unsteady=_drifts(kept),
     )
 
 
@@ -144,6 +149,17 @@ def _plausible(first: Array) -> NDArray[np.bool_]:
     reach = _quantile(INDIVIDUAL_SIGMAS, _FREEDOM_MEDIAN * (len(first) - 1)) * sd
     found = np.abs(first - np.median(first)) <= reach
     return found if np.count_nonzero(found) >= MIN_SESSIONS - 2 else np.ones(len(first), dtype=bool)
+
+
+def _drifts(kept: Array) -> bool:
+    """Whether the baseline's sessions (m,) follow each other more closely than a random order would.
+
+    Ratio of the mean squared successive difference to the variance (J. von Neumann, 1941, Ann. Math. Stat.
+    12, 367), near 2 for a random order, in its normal form (L. C. Young, 1941, ibid. 12, 293).
+    """
+    n, squares = len(kept), float(((kept - kept.mean()) ** 2).sum())
+    ratio = float((np.diff(kept) ** 2).sum()) / squares if squares > 0 else 2.0
+    return (1 - ratio / 2) * math.sqrt((n**2 - 1) / (n - 2)) > UNSTEADY_SIGMAS
 
 
 def _quantile(sigmas: float, freedom: float) -> float:

@@ -46,6 +46,8 @@ def signal_text(each: SessionChart) -> str:
     distance from the baseline's mean in the chart's unit.
     """
     chart, said = each.chart, []
+    if chart.unsteady:
+        said.append(f"drift within the baseline, {_day(each, 0)} to {_day(each, chart.baseline - 1)}")
     outside = np.flatnonzero(chart.outside)
     if len(outside):
         shown = [

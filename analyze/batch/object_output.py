@@ -17,7 +17,7 @@ import pyarrow as pa
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from analyze.batch.object_sessions import ObjectOverSessions, QuantityOverSessions
+from analyze.batch.object_sessions import ObjectOverSessions, ObjectSession, QuantityOverSessions
 from analyze.batch.object_verdict import verdict_sentences
 from analyze.batch.query_output import plain_console, save_answer
 from analyze.errors import ArchiveError
@@ -233,12 +233,19 @@ def _page(found: ObjectOverSessions) -> str:
             prediction_text=prediction_text,
             p_text=p_text,
             joint_note=_joint_note(found),
+            span=_span(found),
             rows=list(_session_rows(found)),
         )
     )
 
 
-def _session_rows(found: ObjectOverSessions) -> Iterator[tuple[Any, list[str], bool]]:
+def _span(found: ObjectOverSessions) -> str:
+    """First and last date of the sessions, as ", 2025-09-01 to 2026-09-21"; "" without any."""
+    days = [session.created[:10] for session in found.sessions if session.created]
+    return f", {days[0]} to {days[-1]}" if days else ""
+
+
+def _session_rows(found: ObjectOverSessions) -> Iterator[tuple[ObjectSession, list[str], bool]]:
     """Yield session, text of each quantity's value, and whether it stands out, by start time."""
     for index, session in enumerate(found.sessions):
         cells: list[str] = []

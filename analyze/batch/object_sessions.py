@@ -222,7 +222,11 @@ def _all_scatter(estimate: SessionsEstimate) -> float:
 
 def _joint_homogeneity(sessions: Sequence[Row]) -> tuple[tuple[float, int, float] | None, bool]:
     """Joint test of the centre of mass, and whether the covariances are without what sessions share."""
-    observed = [row for row in sessions if row["com_observed"] and row["com_x_m"] is not None]
+    observed = [
+        row
+        for row in sessions
+        if row["com_observed"] and all(row[f"com_{axis}_m"] is not None for axis in "xyz")
+    ]
     own = [_matrix(row["com_own_covariance_m2"]) for row in observed]
     split = all(each is not None for each in own)
     stored = [each for each in (own if split else map(_com_covariance, observed)) if each is not None]

@@ -14,6 +14,8 @@ from analyze.report.style import BLUE, INK, MUTED, RED, SKY, style
 
 PANEL_WIDTH = 3.1
 """width of a panel [in]"""
+MAX_HEIGHT = 9.0
+"""largest height of the rows together [in]"""
 CROWDED = 16
 """number of sessions from which on not every one has its date beside it"""
 
@@ -45,7 +47,7 @@ def session_forest_figure(
             (light band); NaN if unknown.
     """
     count, (centre, half) = len(rows), mean
-    pitch = 0.24 if count < CROWDED else 0.13
+    pitch = 0.24 if count < CROWDED else min(0.13, MAX_HEIGHT / count)
     with style():
         figure = Figure(figsize=(PANEL_WIDTH, 0.9 + pitch * (count + 1)), layout="constrained")
         axes = figure.subplots()

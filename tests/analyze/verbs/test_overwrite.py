@@ -37,6 +37,7 @@ WRITERS = {
     ("query", "--save"): ["query", "select 1"],
     ("batch", "--save"): ["batch", "--summary"],
     ("archive list", "--save"): ["archive", "list"],
+    ("archive object", "--save"): ["archive", "object", "carton"],
     ("reproduce cube-tosses", "--plot"): ["reproduce", "cube-tosses"],
 }
 """a command line for each option that names a file to write, without that option"""
