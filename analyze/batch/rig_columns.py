@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from analyze.tracking.camera_model import camera_of_strike
 from schemas.quantity import Quantity
 from schemas.session_manifest import SessionManifest, TimeSource
 from schemas.strike_result import USABLE_VERDICTS
+from schemas.striker_kind import STRIKER_KINDS, KindName
 
 if TYPE_CHECKING:
     from analyze.estimation.sensitivity import Sensitivity
@@ -94,10 +95,10 @@ def _identity(manifest: SessionManifest) -> dict[str, str | None]:
     if not name or not striker:
         return {"rig": str(name) if name else None, "camera_serial": manifest.cameras[0].serial or None}
     kind = str(striker.get("kind", ""))
-    parts = [kind]
-    if kind == "dynamixel":
+    parts, traits = [kind], STRIKER_KINDS.get(cast("KindName", kind))
+    if traits is not None and traits.has_servo:
         parts += [str(striker.get("model", "")), f"id {striker.get('id', '')}"]
-    if kind != "manual" and isinstance(striker.get("arm_length_m"), int | float):
+    if traits is not None and traits.has_port and isinstance(striker.get("arm_length_m"), int | float):
         parts.append(f"arm {1e3 * striker['arm_length_m']:.0f} mm")
     return {
         "rig": str(name),
