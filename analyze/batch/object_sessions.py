@@ -202,7 +202,7 @@ def _quantities(sessions: Sequence[Row]) -> Iterator[QuantityOverSessions]:
             value=tuple(value.tolist()),
             sd=tuple(sd.tolist()),
             estimate=estimate,
-            between_high=estimate.between_interval[1] if split else _all_scatter(estimate),
+            between_high=_upper_end(estimate, split),
             stated_p_value=float(chdtrc(freedom, weighted_chi_square(value, sd, 0.0)))
             if freedom
             else math.nan,
@@ -212,11 +212,15 @@ def _quantities(sessions: Sequence[Row]) -> Iterator[QuantityOverSessions]:
         )
 
 
-def _all_scatter(estimate: SessionsEstimate) -> float:
-    """Upper end of the 95 % interval of the sd between sessions if no error were a session's own."""
-    freedom = estimate.sessions - 1
-    if not freedom:
-        return math.nan
+def _upper_end(estimate: SessionsEstimate, split: bool) -> float:
+    """Upper end of the 95 % interval of the sd between sessions.
+
+    Where the sds are not without what all sessions share (`split`), or the sessions agree so well that no sd
+    between them explains it, it is that for sessions without errors of their own.
+    """
+    freedom, high = estimate.sessions - 1, estimate.between_interval[1]
+    if not freedom or (split and high > 0):
+        return high
     return estimate.scatter * math.sqrt(freedom / float(chdtri(freedom, 0.975)))
 
 

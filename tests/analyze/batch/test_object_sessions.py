@@ -79,6 +79,14 @@ def test_intervals_hold_with_an_error_that_all_sessions_share(rows):
     assert scatter_held / runs < 0.6
 
 
+def test_sessions_that_agree_too_well_leave_an_upper_end_of_the_sd_between_them(rows):
+    own = [row for row in rows if row["object"] == "salt"]
+    alike = [row | {"com_x_m": 0.012 + 1e-6 * i} for i, row in enumerate(own)]
+    each = quantity(over_sessions(alike), "centre of mass x")
+    assert each.estimate.between_interval == (0.0, 0.0)
+    assert each.estimate.scatter < each.between_high < 2 * each.estimate.scatter
+
+
 def test_rows_without_the_shared_part_take_the_least_stated_sd_for_it(rows):
     older = [
         row | {f"com_shared_sd_{axis}_m": None for axis in "xyz"} | {"com_own_covariance_m2": None}
