@@ -77,24 +77,16 @@ def render_object(found: ObjectOverSessions) -> None:
     console = plain_console()
     title = f"{found.object} ({found.object_sha256[:8]}), {counted(len(found.sessions), 'session')}"
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
-    for heading in (
-        "quantity",
-        "n",
-        "mean, 95 %",
-        "between sessions, sd",
-        "new session, 95 %",
-        "p noise",
-        "p stated",
-    ):
+    for heading in ("quantity", "mean, 95 %", "sd between sessions", "new session", "p"):
         table.add_column(heading, justify="left" if heading == "quantity" else "right")
     for each in found.quantities:
+        some = f" ({each.estimate.sessions})" if each.estimate.sessions < len(found.sessions) else ""
+        new = each.estimate.prediction_half
         table.add_row(
-            f"{each.name} [{each.unit}]",
-            str(each.estimate.sessions),
+            f"{each.name} [{each.unit}]{some}",
             mean_text(each),
             between_text(each),
-            prediction_text(each),
-            p_text(each.estimate.p_value) if each.shared_known else "–",
+            "–" if math.isnan(new) else f"± {number(new, decimals(new))}",
             p_text(each.stated_p_value),
         )
     console.print(table)

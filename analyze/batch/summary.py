@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pyarrow as pa
@@ -111,7 +111,7 @@ class Summary:
     objects: tuple[tuple[str, str, int, int, int, int], ...]
     """per object: name, SHA-256, and numbers of sessions, of strikes recorded and used, and of sessions whose
     frame times come from a file instead of a rig's clock"""
-    control: ControlSummary
+    control: ControlSummary = field(default_factory=ControlSummary)
     """control charts of the rigs, and of the objects' values"""
 
     @property

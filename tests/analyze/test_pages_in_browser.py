@@ -15,9 +15,12 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
-from analyze.batch.summary import Repeated, Summary
+from analyze.batch.object_output import save_object
+from analyze.batch.object_sessions import object_over_sessions
+from analyze.batch.summary import Repeated, Summary, summarise
 from analyze.batch.summary_output import save_summary
 from analyze.cards.page import render_cards
 from analyze.report.comparison_page import render_comparison
@@ -28,6 +31,7 @@ from analyze.reproduce.paper.tables import all_tables
 from analyze.reproduce.paper.targets import targets_table
 from analyze.result.answer import answer_evidence
 from analyze.result.comparison import compare_evidence
+from tests.analyze.batch.months_of_sessions import ageing_rig, drawn_table
 from tests.analyze.cards.test_cards import planned
 from tests.analyze.report.test_report_in_browser import still
 from tests.analyze.reproduce.test_paper import record_of
@@ -83,6 +87,30 @@ def archive() -> str:
         return path.read_text(encoding="utf-8")
 
 
+def control_charts() -> str:
+    """Summary of an archive of a rig that drifts."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "archive.html"
+        save_summary(summarise(drawn_table(40, ageing_rig)), path)
+        return path.read_text(encoding="utf-8")
+
+
+def page_of_object(sessions: pa.Table) -> str:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "object.html"
+        save_object(object_over_sessions(sessions, "salt"), path)
+        return path.read_text(encoding="utf-8")
+
+
+def object_sessions() -> str:
+    """One object over forty sessions, one of which stands out."""
+    return page_of_object(drawn_table(40, ageing_rig))
+
+
+def one_session() -> str:
+    return page_of_object(drawn_table(1))
+
+
 def reproduction() -> str:
     """Page of the paper's tables and figures, from one session of a carton."""
     records = [record_of("carton")]
@@ -99,7 +127,10 @@ def hand_cards() -> str:
 
 PAGES: dict[str, Callable[[], str]] = {
     make.__name__: make
-    for make in (report_of_few, report_of_many, comparison, archive, reproduction, rig_cards, hand_cards)
+    for make in (
+        *(report_of_few, report_of_many, comparison, archive, control_charts, object_sessions, one_session),
+        *(reproduction, rig_cards, hand_cards),
+    )
 }
 
 

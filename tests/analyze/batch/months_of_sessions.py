@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from analyze.batch.ledger import Entry, Ledger
-from analyze.batch.result_rows import write_row
+from analyze.batch.result_rows import SCHEMA, write_row
 
 START = datetime(2025, 9, 1, 8, tzinfo=UTC)
 OBJECTS = ("tea [box]", "salt")
@@ -26,26 +27,53 @@ Change = Callable[[dict[str, Any], int], Mapping[str, Any]]
 """function of a row and its week, which gives the columns to change"""
 
 
-def write_sessions(output: Path, weeks: int, change: Change | None = None, seed: int = 5) -> None:
-    """Write rows and ledger of a session of each object per week.
+def drawn_rows(weeks: int, change: Change | None = None, seed: int = 5) -> list[dict[str, Any]]:
+    """Rows of a session of each object per week.
 
     Args:
-        output: folder of the results, which is made.
         weeks: number of weeks.
         change: what is different in a row; None for a rig in control.
         seed: seed of the random errors.
     """
     rng = np.random.default_rng(seed)
+    shared = SHARED_SD_M * rng.normal(size=(len(OBJECTS), 3))
+    rows: list[dict[str, Any]] = []
+    for week in range(weeks):
+        for number, name in enumerate(OBJECTS):
+            row = _row(rng, name, number, week, TRUE_COM_M + shared[number])
+            rows.append(row | ({} if change is None else dict(change(row, week))))
+    return rows
+
+
+def drawn_table(weeks: int, change: Change | None = None) -> pa.Table:
+    """Rows of `drawn_rows` as a table of results."""
+    return pa.Table.from_pylist(drawn_rows(weeks, change), schema=SCHEMA)
+
+
+def write_sessions(output: Path, weeks: int, change: Change | None = None) -> None:
+    """Write the rows of `drawn_rows`, and their ledger, into a new folder of results."""
     (output / "recordings").mkdir(parents=True)
     (output / "failures").mkdir()
-    shared = SHARED_SD_M * rng.normal(size=(len(OBJECTS), 3))
     with Ledger(output, "all", 1) as ledger:
-        for week in range(weeks):
-            for number, name in enumerate(OBJECTS):
-                row = _row(rng, name, number, week, TRUE_COM_M + shared[number])
-                row |= {} if change is None else change(row, week)
-                write_row(row, output / "recordings" / f"{row['key']}.parquet")
-                ledger.add([Entry(row["url"], row["key"], "", "", row["key"], "", "", [])])
+        for row in drawn_rows(weeks, change):
+            write_row(row, output / "recordings" / f"{row['key']}.parquet")
+            ledger.add([Entry(row["url"], row["key"], "", "", row["key"], "", "", [])])
+
+
+def ageing_rig(row: dict[str, Any], week: int) -> dict[str, Any]:
+    """A table that tilts, a striker that slows, a new camera, one odd session, one without a start time."""
+    new: dict[str, Any] = {}
+    if week >= 12:
+        new["tilt_x_rad"] = row["tilt_x_rad"] + TILT_SD * 0.23 * (week - 11)
+    if week >= 25:
+        new["striker_speed_ratio"] = row["striker_speed_ratio"] - 0.03
+    if week >= 30:
+        new["camera_serial"] = "CAM-2"
+    if week == 22 and row["object"] == "salt":
+        new["com_z_m"] = row["com_z_m"] + 0.003
+    if week == 5 and row["object"] == "salt":
+        new["created"] = None
+    return new
 
 
 def _row(rng: np.random.Generator, name: str, number: int, week: int, com: np.ndarray) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from analyze.cli import main
 from analyze.pipeline.estimate import EstimateOptions
 from analyze.pipeline.read_evidence import read_evidence, read_head
 from analyze.result.answer import answer_evidence
-from tests.analyze.batch.months_of_sessions import TILT_SD, write_sessions
+from tests.analyze.batch.months_of_sessions import ageing_rig, write_sessions
 from tests.places import FIRST_SAMPLE
 
 WEEKS = 40
@@ -36,24 +36,8 @@ def steady(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def changed(tmp_path_factory):
-    """A table that tilts, a striker that slows, a new camera, one odd session, one without a start time."""
-
-    def change(row, week):
-        new = {}
-        if week >= 12:
-            new["tilt_x_rad"] = row["tilt_x_rad"] + TILT_SD * 0.23 * (week - 11)
-        if week >= 25:
-            new["striker_speed_ratio"] = row["striker_speed_ratio"] - 0.03
-        if week >= 30:
-            new["camera_serial"] = "CAM-2"
-        if week == 22 and row["object"] == "salt":
-            new["com_z_m"] = row["com_z_m"] + 0.003
-        if week == 5 and row["object"] == "salt":
-            new["created"] = None
-        return new
-
     output = tmp_path_factory.mktemp("changed") / "out"
-    write_sessions(output, WEEKS, change)
+    write_sessions(output, WEEKS, ageing_rig)
     return output
 
 

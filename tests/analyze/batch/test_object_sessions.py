@@ -176,7 +176,7 @@ def test_answer_on_the_terminal(results):
     done = CliRunner().invoke(main, ["archive", "object", "tea [box]", "--out", str(results)])
     assert done.exit_code == 0
     assert "tea [box] (aaaaaaaa), 12 sessions" in done.output
-    assert "between sessions, sd" in done.output
+    assert "sd between sessions" in done.output
     assert "trust: 12 sessions agree within what they state" in done.output
 
 

@@ -22,8 +22,10 @@ import schemas.terminal
 from acquire.console.strike import _print_swing_ratio
 from acquire.striker.calibration import MeasuredSwing, swing_ratio
 from analyze.batch import summary_output
+from analyze.batch.object_output import render_object
+from analyze.batch.object_sessions import object_over_sessions
 from analyze.batch.query_output import print_answer
-from analyze.batch.summary import Repeated, Summary
+from analyze.batch.summary import Repeated, Summary, summarise
 from analyze.cli import main
 from analyze.importing.table import render_import
 from analyze.predict.document import render_predictions
@@ -51,6 +53,7 @@ from schemas.predictions import (
 from schemas.quantity import Quantity
 from schemas.result import Filling, PartResult, Parts
 from schemas.terminal import Terminal
+from tests.analyze.batch.months_of_sessions import ageing_rig, drawn_table
 from tests.analyze.reproduce.test_planar_impacts import analysed
 from tests.analyze.simulated_session import carton, session
 from tests.places import RECORDINGS, ROOT
@@ -338,6 +341,12 @@ SHOWN: dict[str, Callable[..., None]] = {
     "analyze.verbs.calibrate.table": show_calibration,
     "analyze.batch.query_output": show_query,
     "analyze.batch.summary_output": show_archive,
+    "analyze.batch.control_output": lambda: summary_output.render_summary(
+        summarise(drawn_table(40, ageing_rig))
+    ),
+    "analyze.batch.object_output": lambda: render_object(
+        object_over_sessions(drawn_table(12, ageing_rig), "salt")
+    ),
     "analyze.reproduce.cube_tosses_figure": show_cube,
     "analyze.reproduce.planar_impacts_table": lambda: render_impacts(analysed()),
     "analyze.reproduce.paper.terminal": lambda: render_table(targets_table([])),
