@@ -23,9 +23,9 @@ def start_seconds(created: str | None) -> float:
 def distinct_sessions(rows: Sequence[Row]) -> list[Row]:
     """Rows of sessions by start time, one per recording id; those without a start time are last.
 
-    Of several rows with one recording id (a copy of the recording with another content, such as a rebased
-    one) the one analysed last counts; rows without a recording id all count. Sessions that began in the same
-    second are in the order of recording id and URL.
+    Of several rows with one recording id (versions of one session, such as a rebased or a recovered one) the
+    one with the most strikes counts, of equal ones that analysed last; rows without a recording id all count.
+    Sessions that began in the same second are in the order of recording id and URL.
 
     Args:
         rows: rows of results as dicts by column.
@@ -36,13 +36,14 @@ def distinct_sessions(rows: Sequence[Row]) -> list[Row]:
         name = row["recording_id"]
         if not name:
             alone.append(row)
-        elif name not in latest or _analysed(row) >= _analysed(latest[name]):
+        elif name not in latest or _rank(row) >= _rank(latest[name]):
             latest[name] = row
     return sorted([*latest.values(), *alone], key=_order)
 
 
-def _analysed(row: Row) -> tuple[float, str]:
-    return _or_first(start_seconds(row["analysed_at"])), str(row["url"])
+def _rank(row: Row) -> tuple[int, float, str]:
+    analysed = _or_first(start_seconds(row["analysed_at"]))
+    return row["strikes_recorded"] or 0, analysed, str(row["url"])
 
 
 def _order(row: Row) -> tuple[bool, float, str, str]:

@@ -97,8 +97,9 @@ def _create_view(
     if parts:
         names = ", ".join(_quoted(path) for path in parts)
         connection.execute(f"set allowed_paths = [{names}]")
+        files = f"read_parquet([{names}], union_by_name = true)"
         wanted = "key in (select id from row_order)"
-        view = f"select * from read_parquet([{names}], union_by_name = true) where {wanted} union all by name {view}"  # noqa: S608
+        view = f"select * from {files} where {wanted} union all by name {view}"  # noqa: S608
     connection.execute(f"create view recordings as {view}")
     connection.execute("set enable_external_access = false")
 
@@ -121,9 +122,10 @@ def _parts(output: Path) -> dict[Path, set[str]]:
     an interrupted gathering leaves it, is left out too.
     """
     found: dict[Path, set[str]] = {}
+    known = {field.name: field for field in SCHEMA}
     for path in sorted((output / GATHERED).glob("*.parquet")):
         try:
-            if not set(pq.read_schema(path)) <= set(SCHEMA):
+            if not all(known.get(field.name) == field for field in pq.read_schema(path)):
                 continue
             keys = set(pq.read_table(path, columns=["key"]).column("key").to_pylist())
         except (OSError, pa.ArrowException):

@@ -97,15 +97,16 @@ def test_baseline_may_be_chosen(steady):
     assert charts[RIG, "table tilt towards x"].chart.baseline == 30
 
 
-def test_copies_of_one_recording_count_once_and_the_newest_counts(steady):
+def test_versions_of_one_session_count_once(steady):
     rows = read_recording_rows(steady).to_pylist()
     copy = rows[3] | {"url": "/copy.mcap", "tilt_x_rad": 0.5, "analysed_at": "2026-12-01T00:00:00+00:00"}
     older = rows[3] | {"url": "/older.mcap", "tilt_x_rad": 0.7, "analysed_at": "2025-01-01T00:00:00+00:00"}
-    summary = summarise(pa.Table.from_pylist([copy, *rows, older], schema=SCHEMA))
+    cut = copy | {"url": "/cut.mcap", "strikes_recorded": 2, "analysed_at": "2027-01-01T00:00:00+00:00"}
+    summary = summarise(pa.Table.from_pylist([copy, *rows, older, cut], schema=SCHEMA))
     (tilt,) = (each for each in summary.control.charts if each.quantity == "table tilt towards x")
     assert len(tilt.created) == 2 * WEEKS
     assert tilt.urls.count("/copy.mcap") == 1
-    assert "/older.mcap" not in tilt.urls
+    assert not {"/older.mcap", "/cut.mcap"} & {*tilt.urls}
     assert summary.objects[0][2] == WEEKS
 
 
@@ -163,18 +164,22 @@ def test_rows_of_older_versions_are_read_with_null_in_new_columns(steady, tmp_pa
     assert read["com_x_m"].equals(rows["com_x_m"].slice(0, 3))
     assert read["rig"].null_count == 3
     # Gathered rows of an older version count too, where the single files are gone.
-    pq.write_table(old, steady / GATHERED)
+    part = steady / GATHERED / "000000.parquet"
+    part.parent.mkdir(exist_ok=True)
+    pq.write_table(old, part)
     moved = (steady / "recordings").rename(steady / "gone")
     try:
         found = read_recording_rows(steady)
         assert found.num_rows == 2 * WEEKS
+        assert found.schema.equals(SCHEMA)
         assert found["rig"].null_count == 2 * WEEKS
+        assert found["com_x_m"].equals(rows["com_x_m"])
         control = summarise(found).control
         assert not any(each.of_rig for each in control.charts)
         assert len(control.charts) == 2 * 6
     finally:
         moved.rename(steady / "recordings")
-        (steady / GATHERED).unlink()
+        part.unlink()
     write_rows(rows.slice(0, 1), tmp_path / "row.parquet")
     assert read_rows([tmp_path / "row.parquet"]).equals(rows.slice(0, 1))
 
