@@ -21,11 +21,7 @@ from rich.table import Table
 import schemas.terminal
 from acquire.console.strike import _print_swing_ratio
 from acquire.striker.calibration import MeasuredSwing, swing_ratio
-from analyze.batch import summary_output
-from analyze.batch.object_output import render_object
-from analyze.batch.object_sessions import object_over_sessions
 from analyze.batch.query_output import print_answer
-from analyze.batch.summary import Repeated, Summary, summarise
 from analyze.cli import main
 from analyze.importing.table import render_import
 from analyze.predict.document import render_predictions
@@ -53,9 +49,9 @@ from schemas.predictions import (
 from schemas.quantity import Quantity
 from schemas.result import Filling, PartResult, Parts
 from schemas.terminal import Terminal
-from tests.analyze.batch.months_of_sessions import ageing_rig, drawn_table
 from tests.analyze.reproduce.test_planar_impacts import analysed
 from tests.analyze.simulated_session import carton, session
+from tests.analyze.verbs.archive_tables import ARCHIVE_TABLES
 from tests.places import RECORDINGS, ROOT
 
 COLUMNS = 80
@@ -262,19 +258,6 @@ def show_query() -> None:
     )
 
 
-def show_archive() -> None:
-    sha = "0123456789abcdef"
-    rows = [
-        Repeated(
-            "a long name of a tea box", sha, name, unit, 12, 1.2345, 0.0123, 0.0045, 9.1, 0.5, 0.01, 0.02, 10
-        )
-        for name, unit in (("centre of mass, x", "mm"), ("Ixx", "10⁻⁶ kg m²"))
-    ]
-    failures = (("too_few_strikes", 12, "2026/long-folder/session-0012.mcap: 2 strikes: 3 are needed"),)
-    objects = (("a long name of a tea box", sha, 12, 120, 110, 3),)
-    summary_output.render_summary(Summary(24, failures, tuple(rows), objects))
-
-
 def show_cube() -> None:
     body = SimpleNamespace(
         contacts=123,
@@ -340,13 +323,7 @@ SHOWN: dict[str, Callable[..., None]] = {
     "analyze.importing.table": show_import,
     "analyze.verbs.calibrate.table": show_calibration,
     "analyze.batch.query_output": show_query,
-    "analyze.batch.summary_output": show_archive,
-    "analyze.batch.control_output": lambda: summary_output.render_summary(
-        summarise(drawn_table(40, ageing_rig))
-    ),
-    "analyze.batch.object_output": lambda: render_object(
-        object_over_sessions(drawn_table(12, ageing_rig), "salt")
-    ),
+    **ARCHIVE_TABLES,
     "analyze.reproduce.cube_tosses_figure": show_cube,
     "analyze.reproduce.planar_impacts_table": lambda: render_impacts(analysed()),
     "analyze.reproduce.paper.terminal": lambda: render_table(targets_table([])),
