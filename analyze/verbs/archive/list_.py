@@ -43,33 +43,57 @@ def list_(output: Path, selection: Selection, as_json: bool, save: Path | None) 
 
 
 def _print(found: pa.Table) -> None:
+    """Print a table, or two lines per recording if the terminal is too narrow for it."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
     from analyze.batch.query_output import plain_console
+    from schemas.terminal import full_width
     from schemas.wording import counted
 
-    table = Table(box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
-    for heading in ("start (UTC)", "object", "rig", "strikes", "MB", "c (mm)", "flags", "recording"):
-        right = heading in {"strikes", "MB"}
-        table.add_column(heading, justify="right" if right else "left", overflow="fold")
     rows = found.to_pylist()
-    for row in rows:
-        table.add_row(
-            (row["created"] or "")[:16].replace("T", " "),
-            row["object"] or "",
-            row["rig"] or "",
-            "" if row["strikes"] is None else str(row["strikes"]),
-            f"{row['size_bytes'] / _MEGA:.1f}",
-            _centre(row),
-            ", ".join(row["flags"] or []),
-            row["url"],
-        )
+    lines = [_cells(row) for row in rows]
     console = plain_console()
-    if rows:
+    table = Table(box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
+    for heading in _HEADINGS:
+        table.add_column(heading, justify="right" if heading in {"strikes", "MB"} else "left", no_wrap=True)
+    for line in lines:
+        table.add_row(*line)
+    if rows and full_width(table, console) <= console.width:
         console.print(table)
+    else:
+        for start, name, rig, strikes, size, centre, flags, place in lines:
+            texts = (
+                start,
+                name,
+                rig,
+                strikes and f"{strikes} strikes",
+                f"{size} MB",
+                centre and f"c {centre} mm",
+            )
+            console.print("  ".join(text for text in texts if text))
+            console.print(f"    {place}" + (f": {flags}" if flags else ""), soft_wrap=True)
     total = sum(row["size_bytes"] for row in rows)
     console.print(f"{counted(len(rows), 'recording')}, {total / 1e9:.2f} GB")
+
+
+_HEADINGS = ("start (UTC)", "object", "rig", "strikes", "MB", "c (mm)", "flags", "recording")
+
+
+def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+    """Texts of a recording's row, one for each of `_HEADINGS`."""
+    place = str(row["url"])
+    here = f"{Path.cwd()}/"
+    return (
+        (row["created"] or "")[:16].replace("T", " "),
+        row["object"] or "",
+        row["rig"] or "",
+        "" if row["strikes"] is None else str(row["strikes"]),
+        f"{row['size_bytes'] / _MEGA:.1f}",
+        _centre(row),
+        ", ".join(row["flags"] or []),
+        place.removeprefix(here),
+    )
 
 
 def _centre(row: dict[str, Any]) -> str:

@@ -132,7 +132,7 @@ def test_answers_stand_beside_their_recordings(archive, output) -> None:
 
 
 def test_other_programs_read_the_table(output, tmp_path) -> None:
-    count = duckdb.sql(f"select count(*) from '{output / CATALOGUE}'").fetchall()
+    count = duckdb.connect().execute(f"select count(*) from '{output / CATALOGUE}'").fetchall()
     assert count == [(10,)]
     assert pq.read_table(output / CATALOGUE).num_rows == 10
     saved = tmp_path / "list.parquet"
