@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +36,8 @@ from analyze.least_squares.intervals import SIGMAS_95
 from analyze.types import Array
 from schemas.wording import counted
 
+ResultTexts = Callable[[Sequence[str]], Mapping[str, str]]
+"""results in JSON by key, of the keys given"""
 HASH_LETTERS = 6
 """fewest letters of an object's hash that name it"""
 MAX_NAMES = 8
@@ -123,7 +125,9 @@ class ObjectOverSessions:
     """other objects of that name: hash, number of rows"""
 
 
-def object_over_sessions(rows: pa.Table, name: str) -> ObjectOverSessions:
+def object_over_sessions(
+    rows: pa.Table, name: str, result_texts: ResultTexts = lambda _: {}
+) -> ObjectOverSessions:
     """Estimate of one object over its sessions.
 
     Sessions belong to one object if their object files have one hash. Rows with one recording id count once,
@@ -132,6 +136,8 @@ def object_over_sessions(rows: pa.Table, name: str) -> ObjectOverSessions:
     Args:
         rows: table with one row per recording, from `read_recording_rows`.
         name: name of the object, or the first letters of its hash, at least six.
+        result_texts: called with the keys of the object's sessions for their results in JSON, by key, which
+            hold the covariance where the row does not; by default unknown.
 
     Raises:
         ArchiveError: no object with a result has that name, or several do.
@@ -140,7 +146,7 @@ def object_over_sessions(rows: pa.Table, name: str) -> ObjectOverSessions:
     chosen = _chosen(good, name)
     own = [row for row in good if row["object_sha256"] == chosen]
     sessions = distinct_sessions(own)
-    joint, own_part = _joint_homogeneity(sessions)
+    joint, own_part = _joint_homogeneity(sessions, result_texts)
     others: dict[str, int] = {}
     for row in good:
         if row["object"] == own[0]["object"] and row["object_sha256"] != chosen:
@@ -224,7 +230,9 @@ def _upper_end(estimate: SessionsEstimate, split: bool) -> float:
     return estimate.scatter * math.sqrt(freedom / float(chdtri(freedom, 0.975)))
 
 
-def _joint_homogeneity(sessions: Sequence[Row]) -> tuple[tuple[float, int, float] | None, bool]:
+def _joint_homogeneity(
+    sessions: Sequence[Row], result_texts: ResultTexts
+) -> tuple[tuple[float, int, float] | None, bool]:
     """Joint test of the centre of mass, and whether the covariances are without what sessions share."""
     observed = [
         row
@@ -233,7 +241,10 @@ def _joint_homogeneity(sessions: Sequence[Row]) -> tuple[tuple[float, int, float
     ]
     own = [_matrix(row["com_own_covariance_m2"]) for row in observed]
     split = all(each is not None for each in own)
-    stored = [each for each in (own if split else map(_com_covariance, observed)) if each is not None]
+    if not split:
+        texts = result_texts([row["key"] for row in observed])
+        own = [_com_covariance(texts.get(row["key"], "")) for row in observed]
+    stored = [each for each in own if each is not None]
     if len(observed) < 2 or len(stored) < len(observed):
         return None, False
     value = np.array([[row[f"com_{axis}_m"] for axis in "xyz"] for row in observed])
@@ -243,10 +254,10 @@ def _joint_homogeneity(sessions: Sequence[Row]) -> tuple[tuple[float, int, float
         return None, False
 
 
-def _com_covariance(row: Row) -> Array | None:
-    """Covariance (3, 3) [m^2] of the centre of mass in a stored result; None if it holds none."""
+def _com_covariance(text: str) -> Array | None:
+    """Covariance (3, 3) [m^2] of the centre of mass in a result in JSON; None if it holds none."""
     try:
-        return _matrix(json.loads(row["result_json"] or "{}")["centre_of_mass"]["covariance"])
+        return _matrix(json.loads(text or "{}")["centre_of_mass"]["covariance"])
     except (ValueError, KeyError, TypeError):
         return None
 

@@ -6,7 +6,7 @@ entry of the recordings' lists of that name.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
@@ -58,21 +58,32 @@ def gather_results(output: Path) -> None:
     gather_rows(output, [entry.key for entry in read_ledgers(output).values() if entry.key])
 
 
-def read_recording_rows(output: Path) -> pa.Table:
+def read_recording_rows(output: Path, leave_out: Sequence[str] = ()) -> pa.Table:
     """Read the results of a batch: one row per recording in the order of their URLs, failures last.
 
     Copies of the same recording share a row; a recording whose row is missing is left out.
 
     Args:
         output: folder of the results.
+        leave_out: columns that are not read, such as `BULKY_COLUMNS`, nearly all of the memory.
 
     Returns:
-        Table with the columns of `result_rows.SCHEMA`.
+        Table with the other columns of `result_rows.SCHEMA`.
 
     Raises:
         ArchiveError: there are no results, or a row's file is damaged.
     """
-    return read_results(output, *_row_ids(output))
+    return read_results(output, *_row_ids(output), leave_out)
+
+
+def read_result_texts(output: Path, keys: Sequence[str]) -> dict[str, str]:
+    """Results in JSON by their key, of those of these keys that are stored.
+
+    Raises:
+        ArchiveError: a row's file is damaged.
+    """
+    with open_results(output, keys, []) as connection:
+        return dict(connection.sql("select key, result_json from recordings").fetchall())
 
 
 def _row_ids(output: Path) -> tuple[list[str], list[str]]:

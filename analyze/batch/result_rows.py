@@ -109,6 +109,8 @@ SCHEMA = pa.schema(
 
 Centre of mass in the object frame O; inertia tensor about it, along the axes of O.
 """
+BULKY_COLUMNS = ("files", "moments", "strikes", "verdict", "warnings", "result_json")
+"""columns that take nearly all of a row's memory"""
 STAMPS = ("seconds", "peak_memory_bytes", "analysed_at", "estimated_by", "result_json")
 """columns that may differ between two analyses of the same recording.
 
@@ -217,6 +219,21 @@ def write_rows(rows: pa.Table, path: Path, **options: Any) -> None:
     write_bytes(path, buffer.getvalue())
 
 
+def conform(stored: pa.Table, schema: pa.Schema) -> pa.Table:
+    """Table with the columns of a schema; null are those that an older version did not write.
+
+    Raises:
+        ArrowException: a column is of a type that cannot be converted.
+    """
+    columns = {
+        field.name: stored.column(field.name).cast(field.type)
+        if field.name in stored.column_names
+        else pa.nulls(len(stored), field.type)
+        for field in schema
+    }
+    return pa.table(columns, schema=schema)
+
+
 def read_rows(paths: Sequence[Path]) -> pa.Table:
     """Read the rows of Parquet files as one table in the order of the files; empty without files.
 
@@ -231,7 +248,8 @@ def read_rows(paths: Sequence[Path]) -> pa.Table:
 
 def _read(path: Path) -> pa.Table:
     try:
-        table = pq.read_table(path, schema=SCHEMA)
+        # Not `read_table`, which loads pandas, and takes three times as long for a file of one row.
+        table = conform(pq.ParquetFile(path).read(), SCHEMA)
         table.validate(full=True)  # its texts, too
     except (pa.ArrowException, OSError) as error:
         if getattr(error, "errno", None) is not None:  # by the system; pyarrow's own are of damage

@@ -64,18 +64,28 @@ def open_results(
             yield connection
 
 
-def read_results(output: Path, keys: Sequence[str], failures: Sequence[str]) -> pa.Table:
+def read_results(
+    output: Path, keys: Sequence[str], failures: Sequence[str], leave_out: Sequence[str] = ()
+) -> pa.Table:
     """Read rows of results and of failures, in the order given; rows that do not exist are left out.
+
+    Args:
+        output: folder of the results.
+        keys: keys of results.
+        failures: source ids of failed recordings.
+        leave_out: columns of `SCHEMA` that are not read.
 
     Raises:
         ArchiveError: a row's file is damaged.
     """
+    fields = [field for field in SCHEMA if field.name not in leave_out]
+    names = ", ".join(f"recordings.{field.name}" for field in fields)
     with open_results(output, keys, failures) as connection:
         found = connection.sql(
-            "select recordings.* from recordings join row_order on row_order.id = coalesce(key, source_id) "
-            "order by place"
+            f"select {names} from recordings "  # noqa: S608 - names of columns
+            "join row_order on row_order.id = coalesce(key, source_id) order by place"
         ).to_arrow_table()
-    return found.select(SCHEMA.names).cast(SCHEMA)
+    return found.cast(pa.schema(fields))
 
 
 def _create_view(
@@ -127,7 +137,7 @@ def _parts(output: Path) -> dict[Path, set[str]]:
         try:
             if not all(known.get(field.name) == field for field in pq.read_schema(path)):
                 continue
-            keys = set(pq.read_table(path, columns=["key"]).column("key").to_pylist())
+            keys = set(pq.ParquetFile(path).read(columns=["key"]).column("key").to_pylist())
         except (OSError, pa.ArrowException):
             continue
         if all(keys.isdisjoint(others) for others in found.values()):

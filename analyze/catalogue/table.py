@@ -12,7 +12,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from analyze.batch.result_rows import write_rows
+from analyze.batch.result_rows import conform, write_rows
 from analyze.errors import ArchiveError
 
 CATALOGUE = "catalogue.parquet"
@@ -122,7 +122,8 @@ def read_catalogue(output: Path) -> pa.Table:
             f"{output}: contains no catalogue: run `analyze archive index PATH --out {output}` first"
         )
     try:
-        table = pq.read_table(path, schema=SCHEMA)
+        stored = pq.ParquetFile(path).read()
+        table = conform(stored, SCHEMA)
         table.validate(full=True)
     except (OSError, pa.ArrowException):
         raise ArchiveError(

@@ -218,11 +218,12 @@ def _summarise(output: Path, save: Path | None, baseline: int | None) -> None:
     """Print a summary of the results in the folder `output`, or write it to the file `save` if given."""
     from analyze.batch.control_charts import BASELINE
     from analyze.batch.query import read_recording_rows
+    from analyze.batch.result_rows import BULKY_COLUMNS
     from analyze.batch.summary import summarise
     from analyze.batch.summary_output import render_summary, save_summary
 
     refuse_outputs([save])
-    summary = summarise(read_recording_rows(output), baseline or BASELINE)
+    summary = summarise(read_recording_rows(output, BULKY_COLUMNS), baseline or BASELINE)
     if save is None:
         render_summary(summary)
         return

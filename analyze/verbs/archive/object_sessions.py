@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import click
@@ -24,10 +25,12 @@ def object_(name: str, output: Path, save: Path | None) -> None:
     """
     from analyze.batch.object_output import render_object, save_object
     from analyze.batch.object_sessions import object_over_sessions
-    from analyze.batch.query import read_recording_rows
+    from analyze.batch.query import read_recording_rows, read_result_texts
+    from analyze.batch.result_rows import BULKY_COLUMNS
 
     refuse_outputs([save])
-    found = object_over_sessions(read_recording_rows(output), name)
+    rows = read_recording_rows(output, BULKY_COLUMNS)
+    found = object_over_sessions(rows, name, partial(read_result_texts, output))
     if save is None:
         render_object(found)
         return

@@ -34,7 +34,8 @@ def rows(results):
 
 
 def over_sessions(rows, name="salt"):
-    return object_over_sessions(pa.Table.from_pylist(rows, schema=SCHEMA), name)
+    texts = {row["key"]: row["result_json"] for row in rows if row.get("result_json")}
+    return object_over_sessions(pa.Table.from_pylist(rows, schema=SCHEMA), name, lambda _: texts)
 
 
 def quantity(found, name):
