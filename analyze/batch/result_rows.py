@@ -193,14 +193,17 @@ def answer_columns(answer: Answer) -> dict[str, Any]:
 
 
 def write_row(row: Mapping[str, Any], path: Path) -> None:
-    """Write a Parquet file with one row; columns of `SCHEMA` that the row does not name are null.
+    """Write a Parquet file with one row; columns of `SCHEMA` that the row does not name are left out.
+
+    They are null when it is read.
 
     Raises:
         OutputError: the file cannot be written.
     """
     # Statistics, dictionaries and Arrow's own schema are half of a file of one row.
     plain = {"write_statistics": False, "use_dictionary": False, "store_schema": False}
-    write_rows(pa.Table.from_pylist([dict(row)], schema=SCHEMA), path, **plain)
+    named = pa.schema([field for field in SCHEMA if row.get(field.name) is not None])
+    write_rows(pa.Table.from_pylist([dict(row)], schema=named), path, **plain)
 
 
 def write_rows(rows: pa.Table, path: Path, **options: Any) -> None:
@@ -243,13 +246,19 @@ def read_rows(paths: Sequence[Path]) -> pa.Table:
         ArchiveError: a file is damaged.
     """
     tables = [_read(path) for path in paths]
-    return pa.concat_tables(tables) if tables else SCHEMA.empty_table()
+    if not tables:
+        return SCHEMA.empty_table()
+    # In one piece: each piece costs a database half a megabyte.
+    return conform(pa.concat_tables(tables, promote_options="default").combine_chunks(), SCHEMA)
 
 
 def _read(path: Path) -> pa.Table:
+    """Table in a file, with those columns of `SCHEMA` that the file has."""
     try:
         # Not `read_table`, which loads pandas, and takes three times as long for a file of one row.
-        table = conform(pq.ParquetFile(path).read(), SCHEMA)
+        stored = pq.ParquetFile(path).read()
+        fields = [field for field in SCHEMA if field.name in stored.column_names]
+        table = conform(stored, pa.schema(fields))
         table.validate(full=True)  # its texts, too
     except (pa.ArrowException, OSError) as error:
         if getattr(error, "errno", None) is not None:  # by the system; pyarrow's own are of damage
