@@ -15,6 +15,10 @@ class StrikeChange(Document):
     strike_id: str
     phi_rad: float | None = Field(description="balance angle by the recoded images minus by the original")
     k_relative: float | None = Field(description="the same of k, over k")
+    phi_sd_relative: float | None = Field(
+        default=None, description="standard deviation of phi by the recoded images over the original, minus 1"
+    )
+    k_sd_relative: float | None = Field(default=None, description="the same of k")
 
 
 class Compaction(Document):
@@ -27,11 +31,18 @@ class Compaction(Document):
     images: int = Field(ge=0, description="number of recoded images")
     exact: bool
     """True if every pixel is the original's"""
-    step: int = Field(default=0, ge=0, description="step of the quantisation [grey]; 0 for none")
+    step: int = Field(default=0, ge=0, description="step of the first version's quantisation [grey]; else 0")
+    near_lossless: bool = False
+    """True if pixels without structure hold local means"""
     noise_sd: float | None = Field(default=None, description="1 sigma of a pixel's noise [grey]")
     cropped: bool = False
     """True if the images are kept only where something moves"""
     strikes: list[StrikeChange] = Field(default=[], description="empty if exact")
+
+    @property
+    def within_noise(self) -> bool:
+        """True if grey values changed within the camera's noise."""
+        return self.near_lossless or self.step > 0
 
 
 COMPACTED_NAME = "percuss.compacted"

@@ -16,13 +16,14 @@ from analyze.compact.moving_region import BLOCK, moving_regions, noise_sd
 from analyze.reading.image_message import decode_image
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     from analyze.reading.indexed_file import IndexedFile, TopicIndex
 
-STEP_SD = 2.0
-"""step of the quantisation over the noise, rounded down to whole grey levels: rms 0.58 of the noise at most,
-which raises it by 15 %"""
+    Image = NDArray[np.uint8]
+
 _NOISE_IMAGES = 24
 """number of images by which the noise is measured"""
 _GAP_RATIO, _LONGEST_NS = 10.0, 3_000_000_000
@@ -35,25 +36,20 @@ _SHORTEST = 3
 class Codings:
     """Coding of each image of a file, by its topic and time; without loss where none is stated."""
 
-    begin_ns: dict[str, list[int]] = field(default_factory=dict[str, list[int]])
+    start_ns: dict[str, list[int]] = field(default_factory=dict[str, list[int]])
     """by topic the log times from which on the codings hold [ns]"""
     codings: dict[str, list[Coding]] = field(default_factory=dict[str, list[Coding]])
-    noise: float | None = None
-    """standard deviation of a pixel's noise [grey]; None if not measured"""
+    noise_sd: float | None = None
+    """largest standard deviation of a pixel's noise in a topic [grey]; None if not measured"""
 
     def coding_at(self, topic: str, time_ns: int) -> Coding:
         """Coding of an image with this log time [ns]."""
-        begin = self.begin_ns.get(topic)
-        return self.codings[topic][max(bisect_right(begin, time_ns) - 1, 0)] if begin else Coding()
-
-    @property
-    def step(self) -> int:
-        """Largest step of the quantisation [grey]; 0 for none."""
-        return max((each.step for group in self.codings.values() for each in group), default=0)
+        start = self.start_ns.get(topic)
+        return self.codings[topic][max(bisect_right(start, time_ns) - 1, 0)] if start else Coding()
 
 
 def lossy_codings(file: IndexedFile, *, near_lossless: bool, crop: bool) -> Codings:
-    """Codings of a file's images, quantised by their noise, cut to what moves, or both.
+    """Codings of a file's images, changed within their noise, cut to what moves, or both.
 
     Raises:
         RecordingError: the file is damaged.
@@ -65,22 +61,19 @@ def lossy_codings(file: IndexedFile, *, near_lossless: bool, crop: bool) -> Codi
         if schema not in {RAW, COMPRESSED} or not len(index.time_ns):
             continue
 
-        def image(number: int, schema: str = schema, index: TopicIndex = index) -> NDArray[np.uint8]:
-            return decode_image(schema, file.message(index, number).data)
+        def images(numbers: range, schema: str = schema, index: TopicIndex = index) -> Iterator[Image]:
+            return (decode_image(schema, file.message(index, number).data) for number in numbers)
 
         windows = _windows(index.time_ns)
-        noise = noise_sd([image(number) for number in max(windows, key=len)[:_NOISE_IMAGES]])
-        found.noise = max(noise, found.noise or 0.0)
-        step = max(int(STEP_SD * noise), 1) if near_lossless else 0
-        found.begin_ns[topic], found.codings[topic] = [], []
+        noise = noise_sd(images(max(windows, key=len)[:_NOISE_IMAGES]))
+        found.noise_sd = max(noise, found.noise_sd or 0.0)
+        found.start_ns[topic], found.codings[topic] = [], []
         for window in windows:
-            regions = None
-            if crop and len(window) > _SHORTEST:
-                regions = moving_regions([image(number) for number in window], noise)
+            regions = moving_regions(images(window), noise) if crop and len(window) > _SHORTEST else None
             for first in range(0, len(window), BLOCK):
-                kept = None if regions is None else regions[first // BLOCK]
-                found.begin_ns[topic].append(int(index.time_ns[window[first]]))
-                found.codings[topic].append(Coding(step, kept))
+                squares = None if regions is None else regions[first // BLOCK]
+                found.start_ns[topic].append(int(index.time_ns[window[first]]))
+                found.codings[topic].append(Coding(noise if near_lossless else 0.0, squares))
     return found
 
 

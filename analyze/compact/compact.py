@@ -135,7 +135,7 @@ def _is_compact(file: IndexedFile, options: CompactOptions) -> bool:
     done = parse_compaction(entries)
     if done is None:
         raise CompactError(f"{file.path}: its entry {COMPACTED_NAME} cannot be read: {STAYS}")
-    if options.exact or (done.cropped >= options.crop and (done.step > 0) >= options.near_lossless):
+    if options.exact or (done.cropped >= options.crop and done.within_noise >= options.near_lossless):
         return True
     if not done.exact:
         raise CompactError(f"{file.path}: was compacted with loss before: {STAYS}; give both options at once")
@@ -188,8 +188,8 @@ def _write(
         software=software_version(),
         images=copied.images,
         exact=options.exact,
-        step=codings.step,
-        noise_sd=codings.noise,
+        near_lossless=options.near_lossless,
+        noise_sd=codings.noise_sd,
         cropped=options.crop,
     )
     copied.finish({"json": canonical_json(compaction)})

@@ -1,15 +1,10 @@
-"""Recoding of a recording's raw images: PNG without loss, or JPEG quantised by the camera's own noise.
-
-JPEG's table of 64 divisors is one number here, the same for all frequencies, so that what is lost is white,
-as the camera's noise is: of a step q rms q / sqrt(12) or less.
-"""
+"""Recoding of a recording's images as PNG: without loss, within the camera's noise, or cut to what moves."""
 
 # cv2 is only partly typed.
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,8 +13,9 @@ import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.message import DecodeError
-from PIL import Image
 
+from analyze.compact.moving_region import whole_squares
+from analyze.compact.near_lossless import MAX_CHANGE_SD, within_noise
 from analyze.reading.image_message import decode_image
 from schemas.mcap.records import ContainerError
 
@@ -28,7 +24,7 @@ if TYPE_CHECKING:
 
 RAW, COMPRESSED = RawImage.DESCRIPTOR.full_name, CompressedImage.DESCRIPTOR.full_name
 """types of messages: an image as it was taken, and a coded one"""
-_PNG = [
+_NOISY = [
     cv2.IMWRITE_PNG_COMPRESSION,
     1,
     cv2.IMWRITE_PNG_STRATEGY,
@@ -37,32 +33,38 @@ _PNG = [
     cv2.IMWRITE_PNG_FILTER_AVG,
 ]
 """noise has no repetitions to look for; the mean of two neighbours predicts best"""
+_FLAT = [
+    cv2.IMWRITE_PNG_COMPRESSION,
+    1,
+    cv2.IMWRITE_PNG_STRATEGY,
+    cv2.IMWRITE_PNG_STRATEGY_RLE,
+    cv2.IMWRITE_PNG_FILTER,
+    cv2.IMWRITE_PNG_FILTER_PAETH,
+]
+"""where one value fills a square, differences are runs of zeros"""
 GREY = 128
 """value of the pixels outside of a region that is kept"""
-_FREQUENCIES = 64
-_ROUNDING = 0.5
-"""largest rms by which decoders round grey values [grey]"""
 
 
 @dataclass(frozen=True)
 class Coding:
-    """Coding of one image: step of its quantisation, and the part that is kept."""
+    """Coding of one image: the noise within which it may change, and the part that is kept."""
 
-    step: int = 0
-    """step of the quantisation [grey]; 0 for none: PNG, without loss"""
-    kept: NDArray[np.bool_] | None = None
-    """(h, w) True where the image is kept; None for all of it"""
+    noise_sd: float = 0.0
+    """standard deviation of a pixel's noise [grey], within which pixels may change; 0 for no change"""
+    squares: NDArray[np.bool_] | None = None
+    """True for each square (`moving_region.SQUARE_PX`) of the image that is kept; None for all of it"""
 
     @property
     def exact(self) -> bool:
         """True if no pixel changes."""
-        return self.step == 0 and self.kept is None
+        return self.noise_sd == 0.0 and self.squares is None
 
 
 def recode(schema: str, data: memoryview, coding: Coding) -> bytes | None:
     """An image's message in another coding; None if it stays as it is.
 
-    What is coded already stays, but for PNG of 8-bit grey values that is to be quantised or cut.
+    What is coded already stays, but for PNG of 8-bit grey values that may change or is to be cut.
 
     Args:
         schema: type of the message.
@@ -76,43 +78,45 @@ def recode(schema: str, data: memoryview, coding: Coding) -> bytes | None:
     if isinstance(head, CompressedImage) and (coding.exact or not _is_grey_png(data)):
         return None
     wanted = _wanted(decode_image(schema, data), coding)
+    png = cv2.imencode(".png", wanted, _NOISY if coding.exact else _FLAT)[1].tobytes()
     return CompressedImage(
-        timestamp=head.timestamp,
-        frame_id=head.frame_id,
-        data=_jpeg(wanted, coding.step) if coding.step else _png(wanted),
-        format="jpeg" if coding.step else "png",
+        timestamp=head.timestamp, frame_id=head.frame_id, data=png, format="png"
     ).SerializeToString(deterministic=True)
 
 
-def is_recoded(schema: str, before: memoryview, after: memoryview, coding: Coding) -> bool:
-    """True if a message is the given image in the coding: its time and frame, and the pixels that it keeps.
-
-    Without quantisation every pixel must be the same; else their rms difference at most what rounding to the
-    step makes.
+def is_recoded(schema: str, original: memoryview, recoded: memoryview, coding: Coding) -> bool:
+    """True if a message is the given image in the coding: its time and frame, and every pixel as wanted.
 
     Args:
-        schema: type of the message before.
-        before: serialised RawImage or CompressedImage.
-        after: serialised CompressedImage.
+        schema: type of the original message.
+        original: serialised RawImage or CompressedImage.
+        recoded: serialised CompressedImage.
         coding: how the image is stored.
 
     Raises:
         ContainerError: one of them is damaged.
     """
-    one, other = _head(schema, before), _head(COMPRESSED, after)
-    wanted = _wanted(decode_image(schema, before), coding)
-    found = decode_image(COMPRESSED, after)
-    if one.timestamp != other.timestamp or one.frame_id != other.frame_id or wanted.shape != found.shape:
+    one, other = _head(schema, original), _head(COMPRESSED, recoded)
+    image, found = decode_image(schema, original), decode_image(COMPRESSED, recoded)
+    if one.timestamp != other.timestamp or one.frame_id != other.frame_id or image.shape != found.shape:
         return False
-    if not coding.step:
-        return np.array_equal(wanted, found)
-    off = float(np.sqrt(np.mean((wanted.astype(np.float32) - found) ** 2)))
-    return off <= coding.step / np.sqrt(12.0) + _ROUNDING
+    kept = _kept(image, coding)
+    off = cv2.absdiff(image, found)
+    if float(np.max(off if kept is None else off * kept, initial=0)) > MAX_CHANGE_SD * coding.noise_sd:
+        return False
+    return np.array_equal(_wanted(image, coding), found)
+
+
+def _kept(image: NDArray[np.uint8], coding: Coding) -> NDArray[np.bool_] | None:
+    """True (h, w) where an image is kept; None for all of it."""
+    return None if coding.squares is None else whole_squares(coding.squares, image.shape)
 
 
 def _wanted(image: NDArray[np.uint8], coding: Coding) -> NDArray[np.uint8]:
-    """Image (h, w) with what is not kept in one grey."""
-    return image if coding.kept is None else np.where(coding.kept, image, np.uint8(GREY))
+    """Image (h, w) as it is to be stored."""
+    kept = _kept(image, coding)
+    changed = within_noise(image, coding.noise_sd, kept) if coding.noise_sd else image
+    return changed if kept is None else np.where(kept, changed, np.uint8(GREY))
 
 
 def _is_grey_png(data: memoryview) -> bool:
@@ -136,13 +140,3 @@ def _head(schema: str, data: memoryview) -> RawImage | CompressedImage:
         raise ContainerError(f"a message is not a {schema}") from None
     message.ClearField("data")
     return message
-
-
-def _png(image: NDArray[np.uint8]) -> bytes:
-    return cv2.imencode(".png", image, _PNG)[1].tobytes()
-
-
-def _jpeg(image: NDArray[np.uint8], step: int) -> bytes:
-    file = io.BytesIO()
-    Image.fromarray(image).save(file, "JPEG", qtables=[[step] * _FREQUENCIES], optimize=True)
-    return file.getvalue()

@@ -17,10 +17,12 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from analyze.progress import Progress
-    from analyze.types import TipMotion
+    from analyze.types import MotionFit, TipMotion
 
-MAX_CHANGE_SD = 0.5
+MAX_CHANGE_SDS = 0.5
 """largest change of phi and k over their standard deviations"""
+MAX_SD_CHANGE = 0.1
+"""largest relative change of these standard deviations"""
 
 _REMEDY = "it stays as it is; compact it without --near-lossless and --crop"
 
@@ -52,16 +54,17 @@ def under_final_names(files: Mapping[Path, Path]) -> Iterator[Path]:
 
 
 def compare_motions(
-    before: dict[str, TipMotion], after: dict[str, TipMotion], path: Path
+    original: dict[str, TipMotion], recoded: dict[str, TipMotion], path: Path
 ) -> list[StrikeChange]:
-    """Difference of each usable strike's phi and k.
+    """Difference of each usable strike's phi and k, and of their standard deviations.
 
     Raises:
-        CompactError: a strike has another verdict, or changed by more than `MAX_CHANGE_SD`; or none is good.
+        CompactError: a strike has another verdict, changed by more than `MAX_CHANGE_SDS`, or its standard
+            deviations by more than `MAX_SD_CHANGE`; or none is good.
     """
     found: list[StrikeChange] = []
-    for name, one in before.items():
-        other = after.get(name)
+    for name, one in original.items():
+        other = recoded.get(name)
         if other is None or other.verdict is not one.verdict:
             now = "not read" if other is None else other.verdict.value
             raise CompactError(f"{path}: strike {name} is {one.verdict.value}, and would be {now}: {_REMEDY}")
@@ -69,16 +72,40 @@ def compare_motions(
             continue
         if other.fit is None or (one.fit.k is None) != (other.fit.k is None):
             raise CompactError(f"{path}: strike {name} would be fitted otherwise: {_REMEDY}")
-        phi, k = other.fit.phi - one.fit.phi, None
-        sds = [abs(phi) / math.sqrt(one.fit.covariance[0, 0])]
-        if one.fit.k is not None and other.fit.k is not None:
-            k = other.fit.k / one.fit.k - 1.0
-            sds.append(abs(k) * one.fit.k / math.sqrt(one.fit.covariance[1, 1]))
-        if not all(sd <= MAX_CHANGE_SD for sd in sds):
-            raise CompactError(
-                f"{path}: strike {name} would change by {max(sds):.1f} standard deviations: {_REMEDY}"
-            )
-        found.append(StrikeChange(strike_id=name, phi_rad=float(phi), k_relative=k))
+        found.append(_change(name, one.fit, other.fit, path))
     if not found:
         raise CompactError(f"{path}: has no good strike by which a loss could be judged: {_REMEDY}")
     return found
+
+
+def _change(name: str, one: MotionFit, other: MotionFit, path: Path) -> StrikeChange:
+    """Difference of a strike's fit by recoded images from that by the original ones.
+
+    Raises:
+        CompactError: it is too large.
+    """
+    changes = [other.phi - one.phi]
+    if one.k is not None and other.k is not None:
+        changes.append(other.k - one.k)
+    sds, other_sds = (
+        [math.sqrt(fit.covariance[number, number]) for number in range(len(changes))] for fit in (one, other)
+    )
+    largest = max(abs(change) / sd for change, sd in zip(changes, sds, strict=True))
+    if not largest <= MAX_CHANGE_SDS:
+        raise CompactError(
+            f"{path}: strike {name} would change by {largest:.1f} standard deviations: {_REMEDY}"
+        )
+    ratios = [new / old - 1.0 for new, old in zip(other_sds, sds, strict=True)]
+    if not max(abs(ratio) for ratio in ratios) <= MAX_SD_CHANGE:
+        worst = max(ratios, key=abs)
+        raise CompactError(
+            f"{path}: standard deviations of strike {name} would change by {100 * worst:+.0f} %: {_REMEDY}"
+        )
+    k = None if one.k is None else float(changes[1] / one.k)
+    return StrikeChange(
+        strike_id=name,
+        phi_rad=float(changes[0]),
+        k_relative=k,
+        phi_sd_relative=float(ratios[0]),
+        k_sd_relative=None if k is None else float(ratios[1]),
+    )
