@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.compact.images import COMPRESSED, RAW, Coding
-from analyze.compact.moving_region import BLOCK, moving_regions, noise_sd
+from analyze.compact.moving_region import moving_region, noise_sd
 from analyze.reading.image_message import decode_image
+from schemas.proto import percuss_pb2 as pb
+from schemas.topics import SESSION_STRIKE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -26,8 +28,9 @@ if TYPE_CHECKING:
 
 _NOISE_IMAGES = 24
 """number of images by which the noise is measured"""
-_GAP_RATIO, _LONGEST_NS = 10.0, 3_000_000_000
-"""time between images, over the usual one, at which a strike's images end, and their longest time [ns]"""
+_GAP_RATIO, _LONGEST_NS = 10.0, 5_000_000_000
+"""time between images, over the usual one, at which a strike's images end, and their longest time outside of
+the strikes' own [ns]"""
 _SHORTEST = 3
 """number of images up to which they are no strike, and stay whole"""
 
@@ -55,7 +58,7 @@ def lossy_codings(file: IndexedFile, *, near_lossless: bool, crop: bool) -> Codi
         RecordingError: the file is damaged.
         ContainerError: an image cannot be decoded.
     """
-    found = Codings()
+    found, strikes = Codings(), _strike_times(file)
     for topic in file.topic_names():
         schema, index = file.schema_of(topic), file.index(topic)
         if schema not in {RAW, COMPRESSED} or not len(index.time_ns):
@@ -64,25 +67,41 @@ def lossy_codings(file: IndexedFile, *, near_lossless: bool, crop: bool) -> Codi
         def images(numbers: range, schema: str = schema, index: TopicIndex = index) -> Iterator[Image]:
             return (decode_image(schema, file.message(index, number).data) for number in numbers)
 
-        windows = _windows(index.time_ns)
+        windows = _windows(index.time_ns, strikes)
         noise = noise_sd(images(max(windows, key=len)[:_NOISE_IMAGES]))
         found.noise_sd = max(noise, found.noise_sd or 0.0)
         found.start_ns[topic], found.codings[topic] = [], []
         for window in windows:
-            regions = moving_regions(images(window), noise) if crop and len(window) > _SHORTEST else None
-            for first in range(0, len(window), BLOCK):
-                squares = None if regions is None else regions[first // BLOCK]
-                found.start_ns[topic].append(int(index.time_ns[window[first]]))
-                found.codings[topic].append(Coding(noise if near_lossless else 0.0, squares))
+            region = moving_region(images(window), noise) if crop and len(window) > _SHORTEST else None
+            found.start_ns[topic].append(int(index.time_ns[window.start]))
+            found.codings[topic].append(Coding(noise if near_lossless else 0.0, region))
     return found
 
 
-def _windows(time_ns: NDArray[np.int64]) -> list[range]:
-    """Numbers of the images of each strike, by the gaps between their times (n,) [ns]."""
+def _strike_times(file: IndexedFile) -> list[tuple[int, int]]:
+    """First and last log time [ns] of each strike's images, of the strikes whose record is in the file."""
+    index = file.index(SESSION_STRIKE.name)
+    records = (
+        pb.StrikeRecord.FromString(bytes(file.message(index, number).data))
+        for number in range(len(index.time_ns))
+    )
+    return [(each.window_start_ns, each.window_end_ns) for each in records]
+
+
+def _windows(time_ns: NDArray[np.int64], strikes: Sequence[tuple[int, int]]) -> list[range]:
+    """Numbers of the images of each strike; those of a continuous recording are cut between its strikes.
+
+    Args:
+        time_ns: (n,) log times of the images [ns].
+        strikes: first and last log time of each strike's images [ns].
+    """
     steps = np.diff(time_ns)
     usual = float(np.median(steps)) if len(steps) else 0.0
     begin = [0]
     for number, step in enumerate(steps.tolist(), 1):
-        if step > _GAP_RATIO * usual or time_ns[number] - time_ns[begin[-1]] > _LONGEST_NS:
-            begin.append(number)
+        if step <= _GAP_RATIO * usual:
+            at = int(time_ns[number])
+            if at - int(time_ns[begin[-1]]) <= _LONGEST_NS or any(one < at <= end for one, end in strikes):
+                continue
+        begin.append(number)
     return [range(one, other) for one, other in zip(begin, [*begin[1:], len(time_ns)], strict=True)]
