@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from pydantic import Field, ValidationError
 
 from schemas.document import Document
+from schemas.wording import counted
 
 
 class StrikeChange(Document):
@@ -34,6 +36,9 @@ class Compaction(Document):
     step: int = Field(default=0, ge=0, description="step of the first version's quantisation [grey]; else 0")
     near_lossless: bool = False
     """True if pixels without structure hold local means"""
+    information_share: float | None = Field(
+        default=None, description="share of the information on motion in exact pixels; null if none changed"
+    )
     noise_sd: float | None = Field(default=None, description="1 sigma of a pixel's noise [grey]")
     cropped: bool = False
     """True if the images are kept only where something moves"""
@@ -43,6 +48,23 @@ class Compaction(Document):
     def within_noise(self) -> bool:
         """True if grey values changed within the camera's noise."""
         return self.near_lossless or self.step > 0
+
+    def loss_text(self) -> str:
+        """What the images lost, in words."""
+        if self.exact:
+            return "no pixel changed"
+        parts = ["averaged within the noise where they show no structure"] if self.near_lossless else []
+        parts += [f"quantised by {self.step} grey levels"] if self.step else []
+        parts += ["kept where something moves"] if self.cropped else []
+        return ", ".join(parts)
+
+    def change_text(self) -> str:
+        """Largest change of a strike's phi and k by the loss, in words."""
+        phi = max((abs(math.degrees(each.phi_rad or 0.0)) for each in self.strikes), default=0.0)
+        k = max((100.0 * abs(each.k_relative or 0.0) for each in self.strikes), default=0.0)
+        return (
+            f"{counted(len(self.strikes), 'strike')} compared: phi within {phi:.4f} deg, k within {k:.3f} %"
+        )
 
 
 COMPACTED_NAME = "percuss.compacted"

@@ -30,6 +30,7 @@ class WarningCode(enum.Enum):
 
     RECORDING_INCOMPLETE = "recording_incomplete"
     RECORDING_RECOVERED = "recording_recovered"
+    RECORDING_COMPACTED = "recording_compacted"
     RECORDINGS_DISAGREE = "recordings_disagree"
     FEW_STRIKES = "few_strikes"
     DIRECTION_UNOBSERVED = "direction_unobserved"

@@ -35,25 +35,27 @@ from tests.quick_archive import ANCHOR_NS, clock_sample, frame_meta
 APART_NS = 6_000_000_000
 
 
-def filmed_recording(path: Path, name: str, seed: int, strikes: int) -> None:
-    """Write a recording of a session with tags.
+def filmed_recording(path: Path, name: str, seed: int, strikes: int, road: str = "tags") -> None:
+    """Write a recording of a session.
 
     Args:
         path: recording to write.
         name: object of the virtual rig.
         seed: seed of the object, its placements and the noise.
         strikes: number of strikes.
+        road: "tags", or the print of faces without tags (`print_sessions.ROADS`).
     """
     rng = np.random.default_rng((seed, 0xF11, *name.encode()))
     on = scene(name, seed, False, rng)
     shape = on.thing.shape_file
-    sha256 = object_sha256(on.spec, None if shape is None else shape[1])
+    spec = on.spec if road == "tags" else on.spec.model_copy(update={"marker": []})
+    sha256 = object_sha256(spec, None if shape is None else shape[1])
     planned = chosen(on.plan, strikes)
     plan = canonical_json(on.plan.model_copy(update={"object_sha256": sha256, "strikes": planned})).encode()
     attached = {PLAN_ATTACHMENT: plan}
     if shape is not None:
         attached[f"{SHAPE_ATTACHMENT_PREFIX}{shape[0]}"] = shape[1]
-    known = manifest(on.spec)
+    known = manifest(spec)
     calibration = CameraCalibrationSpec(
         width=on.camera.width,
         height=on.camera.height,
@@ -75,7 +77,7 @@ def filmed_recording(path: Path, name: str, seed: int, strikes: int) -> None:
         }
     )
     world = World(on.thing, lambda *_: 0.0, table_tilt=(0.0, on.tilt), arm_angle=-2.5)
-    renderer = renderer_of(on, "tags", seed)
+    renderer = renderer_of(on, road, seed)
     encoder = RawImageEncoder("main", on.camera.width, on.camera.height)
     with McapWriter(path) as writer:
         writer.metadata(MANIFEST_NAME, manifest_entries(canonical_json(known)))

@@ -23,11 +23,19 @@ class Compactor:
     Args:
         enabled: True if recordings are to be compacted.
         complain: called with one line on a recording that cannot be.
+        reserve_bytes: disk space that a copy leaves free [bytes].
         wait_s: time after a session before its recording is compacted [s].
     """
 
-    def __init__(self, enabled: bool, complain: Callable[[str], None], wait_s: float = WAIT_S) -> None:
+    def __init__(
+        self,
+        enabled: bool,
+        complain: Callable[[str], None],
+        reserve_bytes: int = 0,
+        wait_s: float = WAIT_S,
+    ) -> None:
         self._enabled, self._complain, self._wait_s = enabled, complain, wait_s
+        self._compact = [sys.executable, "-m", "analyze", "compact", "--disk-reserve", str(reserve_bytes)]
         self._queue: list[Path] = []
         self._process: subprocess.Popen[str] | None = None
         self._paused = self._interrupted = False
@@ -69,7 +77,7 @@ class Compactor:
 
     def _run(self) -> None:
         while (path := self._next()) is not None:
-            command = ["nice", "-n", "19", sys.executable, "-m", "analyze", "compact", str(path)]
+            command = ["nice", "-n", "19", *self._compact, str(path)]
             with self._changed:
                 if self._paused or self._closed:
                     continue

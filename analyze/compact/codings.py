@@ -51,8 +51,13 @@ class Codings:
         return self.codings[topic][max(bisect_right(start, time_ns) - 1, 0)] if start else Coding()
 
 
-def lossy_codings(file: IndexedFile, *, near_lossless: bool, crop: bool) -> Codings:
+def lossy_codings(file: IndexedFile, information_share: float | None, *, crop: bool) -> Codings:
     """Codings of a file's images, changed within their noise, cut to what moves, or both.
+
+    Args:
+        file: the file.
+        information_share: share of the information on motion that exact pixels hold; None to change none.
+        crop: True to keep only the region in which something moves.
 
     Raises:
         RecordingError: the file is damaged.
@@ -74,7 +79,11 @@ def lossy_codings(file: IndexedFile, *, near_lossless: bool, crop: bool) -> Codi
         for window in windows:
             region = moving_region(images(window), noise) if crop and len(window) > _SHORTEST else None
             found.start_ns[topic].append(int(index.time_ns[window.start]))
-            found.codings[topic].append(Coding(noise if near_lossless else 0.0, region))
+            found.codings[topic].append(
+                Coding(0.0, squares=region)
+                if information_share is None
+                else Coding(noise, information_share, region)
+            )
     return found
 
 

@@ -8,7 +8,7 @@ is whole.
 from __future__ import annotations
 
 import os
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, replace
 from shutil import disk_usage
 from typing import TYPE_CHECKING
@@ -17,8 +17,14 @@ from analyze.compact.codings import Codings, lossy_codings
 from analyze.compact.copy_file import Copied, copy_recoded
 from analyze.compact.images import COMPRESSED, RAW
 from analyze.compact.part_file import locked_part, part_path, publish
-from analyze.compact.prove import STAYS, prove, refuse_other_head
-from analyze.compact.strikes import compare_motions, strike_motions, under_final_names
+from analyze.compact.prove import ORIGINAL_STAYS, prove, refuse_other_head
+from analyze.compact.strikes import (
+    compare_motions,
+    is_as_aimed,
+    judged_motions,
+    strike_motions,
+    under_final_names,
+)
 from analyze.errors import CompactError
 from analyze.reading.file_series import find_series_files
 from analyze.reading.indexed_file import open_finished
@@ -34,6 +40,12 @@ if TYPE_CHECKING:
 
     from analyze.progress import Progress
     from analyze.reading.indexed_file import IndexedFile
+    from analyze.types import TipMotion
+
+
+INFORMATION_SHARES = 0.9, 1.0
+"""shares of the information on motion in exact pixels, tried one after the other: tags hold nearly all of it
+in their edges, faint print beside strong outlines needs every pixel that shows structure"""
 
 
 @dataclass(frozen=True)
@@ -42,6 +54,8 @@ class CompactOptions:
 
     near_lossless: bool = False
     crop: bool = False
+    disk_reserve_bytes: int = 0
+    """disk space that a copy leaves free [bytes]"""
 
     @property
     def exact(self) -> bool:
@@ -54,10 +68,10 @@ class Compacted:
     """A recording's file after its compaction."""
 
     path: Path
-    before: int
-    """size before [bytes]"""
-    after: int
-    """size now [bytes]"""
+    bytes_original: int
+    """size of the file before [bytes]"""
+    bytes_compact: int
+    """size of the file now [bytes]"""
     compaction: Compaction | None
     """recoding of its images; None if the file was left as it is"""
 
@@ -76,42 +90,49 @@ def compact(path: Path, options: CompactOptions, progress: Progress) -> Iterator
     """
     names = [name.resolve() for name in find_series_files(path).files]
     with ExitStack() as stack:
-        waiting: list[_Written] = []
+        waiting: list[_Source] = []
         for name in names:
-            identity = _identity(name)
+            identity = _file_identity(name)
             file = stack.enter_context(closing(open_finished(name)))
             if _is_compact(file, options):
                 yield Compacted(name, len(file.data), len(file.data), None)
                 continue
-            _refuse_replacing(name)
-            fd = stack.enter_context(locked_part(name))
-            with file.damage_as_error():
-                written = _write(file, identity, fd, options, progress)
-            if written.copied.images == 0 or written.copied.writer.size >= len(file.data):
-                yield Compacted(name, len(file.data), len(file.data), None)
-            elif options.exact:
-                yield _publish(written)
+            _refuse_replacing(name, options.disk_reserve_bytes)
+            source = _Source(file, identity, stack.enter_context(locked_part(name)))
+            if options.exact:
+                yield _publish(_write(source, options, None, progress))
             else:
-                waiting.append(written)
+                waiting.append(source)
         if waiting:
-            yield from _publish_compared(names, waiting, progress)
+            yield from _compact_compared(names, waiting, options, progress)
+
+
+@dataclass(frozen=True)
+class _Source:
+    """File that is to be compacted."""
+
+    file: IndexedFile
+    identity: tuple[int, ...]
+    """device, number, size and time of change of the file"""
+    fd: int
+    """its copy, open"""
 
 
 @dataclass(frozen=True)
 class _Written:
     """Copy of a file that is proved, and may be given its last records anew."""
 
-    file: IndexedFile
-    """the original"""
-    identity: tuple[int, ...]
-    """device, number, size and time of change of the original's file"""
-    fd: int
-    """the copy, open"""
+    source: _Source
     copied: Copied
     compaction: Compaction
 
+    @property
+    def is_smaller(self) -> bool:
+        """True if the copy holds recoded images and is smaller than its original."""
+        return self.copied.recoded_images > 0 and self.copied.writer.size < len(self.source.file.data)
 
-def _identity(path: Path) -> tuple[int, ...]:
+
+def _file_identity(path: Path) -> tuple[int, ...]:
     """Device, number, size and time of change of a file; empty if there is none."""
     try:
         found = path.stat()
@@ -134,100 +155,135 @@ def _is_compact(file: IndexedFile, options: CompactOptions) -> bool:
         return RAW not in kinds and (options.exact or COMPRESSED not in kinds)
     done = parse_compaction(entries)
     if done is None:
-        raise CompactError(f"{file.path}: its entry {COMPACTED_NAME} cannot be read: {STAYS}")
+        raise CompactError(f"{file.path}: its entry {COMPACTED_NAME} cannot be read: {ORIGINAL_STAYS}")
     if options.exact or (done.cropped >= options.crop and done.within_noise >= options.near_lossless):
         return True
     if not done.exact:
-        raise CompactError(f"{file.path}: was compacted with loss before: {STAYS}; give both options at once")
+        raise CompactError(
+            f"{file.path}: was compacted with loss before: {ORIGINAL_STAYS}; give both options at once"
+        )
     return False
 
 
-def _refuse_replacing(path: Path) -> None:
-    """Check that a file may be replaced, and that there is room for its copy.
+def _refuse_replacing(path: Path, reserve_bytes: int) -> None:
+    """Check that a file may be replaced, and that there is room for a copy of its size.
+
+    Args:
+        path: the file.
+        reserve_bytes: disk space that must stay free [bytes].
 
     Raises:
         CompactError: it is write-protected, has several names, or the disk is too full.
     """
     found = path.stat()
     if not os.access(path, os.W_OK):
-        raise CompactError(f"{path}: is write-protected: {STAYS}; `chmod u+w` allows to replace it")
+        raise CompactError(f"{path}: is write-protected: {ORIGINAL_STAYS}; `chmod u+w` allows to replace it")
     if found.st_nlink > 1:
-        raise CompactError(f"{path}: has {found.st_nlink} names (hard links): {STAYS}; compact a copy of it")
-    free = disk_usage(path.parent).free
-    if free < found.st_size:
         raise CompactError(
-            f"{path}: {free >> 20} MB are free for a copy of {found.st_size >> 20} MB: {STAYS}; make room"
+            f"{path}: has {found.st_nlink} names (hard links): {ORIGINAL_STAYS}; compact a copy of it"
+        )
+    free = disk_usage(path.parent).free
+    if free < found.st_size + reserve_bytes:
+        kept_back = f", and {reserve_bytes >> 20} MB are to stay free" if reserve_bytes else ""
+        raise CompactError(
+            f"{path}: {free >> 20} MB are free on its disk, a copy may need {found.st_size >> 20}{kept_back}:"
+            f" {ORIGINAL_STAYS}; make room"
         )
 
 
 def _write(
-    file: IndexedFile, identity: tuple[int, ...], fd: int, options: CompactOptions, progress: Progress
+    source: _Source, options: CompactOptions, information_share: float | None, progress: Progress
 ) -> _Written:
     """Write and prove the copy of one file.
+
+    Args:
+        source: the file.
+        options: what may be lost.
+        information_share: share of the information on motion that exact pixels hold; None to change none.
+        progress: callback.
 
     Raises:
         CompactError: the copy is not the original's.
         RecordingError: the original is damaged.
-        ContainerError: the original is damaged.
         OSError: the copy cannot be written.
     """
-    codings = (
-        Codings()
-        if options.exact
-        else lossy_codings(file, near_lossless=options.near_lossless, crop=options.crop)
-    )
+    file, fd = source.file, source.fd
     size, name = len(file.data), file.path.name
-    copied = copy_recoded(
-        file.data, fd, codings.coding_at, lambda done: progress(f"writing {name}", done >> 20, size >> 20)
-    )
-    earlier = parse_compaction(file.metadata.get(COMPACTED_NAME, {}))
-    sealed = file.metadata.get(SEAL_NAME, {}).get("content_id")
-    compaction = Compaction(
-        source_content_id=sealed if earlier is None else earlier.source_content_id,
-        source_bytes=size if earlier is None else earlier.source_bytes,
-        software=software_version(),
-        images=copied.images,
-        exact=options.exact,
-        near_lossless=options.near_lossless,
-        noise_sd=codings.noise_sd,
-        cropped=options.crop,
-    )
-    copied.finish({"json": canonical_json(compaction)})
-    os.posix_fadvise(fd, 0, 0, os.POSIX_FADV_DONTNEED)  # read back what the disk has
-    prove(file, part_path(file.path), codings, progress)
-    return _Written(file, identity, fd, copied, compaction)
+    os.ftruncate(fd, 0)
+    os.lseek(fd, 0, os.SEEK_SET)
+    with file.damage_as_error():
+        codings = Codings() if options.exact else lossy_codings(file, information_share, crop=options.crop)
+        copied = copy_recoded(
+            file.data, fd, codings.coding_at, lambda done: progress(f"writing {name}", done >> 20, size >> 20)
+        )
+        earlier = parse_compaction(file.metadata.get(COMPACTED_NAME, {}))
+        sealed = file.metadata.get(SEAL_NAME, {}).get("content_id")
+        compaction = Compaction(
+            source_content_id=sealed if earlier is None else earlier.source_content_id,
+            source_bytes=size if earlier is None else earlier.source_bytes,
+            software=software_version(),
+            images=copied.recoded_images,
+            exact=options.exact,
+            near_lossless=options.near_lossless,
+            information_share=information_share,
+            noise_sd=codings.noise_sd,
+            cropped=options.crop,
+        )
+        copied.finish({"json": canonical_json(compaction)})
+        os.posix_fadvise(fd, 0, 0, os.POSIX_FADV_DONTNEED)  # read back what the disk has
+        prove(file, part_path(file.path), codings, progress)
+    return _Written(source, copied, compaction)
 
 
 def _publish(written: _Written) -> Compacted:
-    """Give a copy the original's name.
+    """Give a copy the original's name, if it is smaller.
 
     Raises:
         CompactError: the original is another one by now.
         OSError: it cannot be renamed.
     """
-    size, source = written.copied.writer.size, written.file.path
-    if _identity(source) != written.identity:
-        raise CompactError(f"{source}: was changed meanwhile: {STAYS}; compact it again")
-    publish(source, written.fd)
-    return Compacted(source, len(written.file.data), size, written.compaction)
+    path, bytes_original = written.source.file.path, len(written.source.file.data)
+    if not written.is_smaller:
+        return Compacted(path, bytes_original, bytes_original, None)
+    if _file_identity(path) != written.source.identity:
+        raise CompactError(f"{path}: was changed meanwhile: {ORIGINAL_STAYS}; compact it again")
+    publish(path, written.source.fd)
+    return Compacted(path, bytes_original, written.copied.writer.size, written.compaction)
 
 
-def _publish_compared(
-    names: Sequence[Path], waiting: Sequence[_Written], progress: Progress
+def _compact_compared(
+    names: Sequence[Path], sources: Sequence[_Source], options: CompactOptions, progress: Progress
 ) -> Iterator[Compacted]:
-    """State how the strikes change by the recoded images, and give the copies their names.
+    """Compact files with loss: with fewer exact pixels first, with all that show structure if strikes change.
 
     Raises:
         AnalyzeError: the strikes cannot be read, or one changes too much.
         OSError: a copy cannot be written or renamed.
     """
-    parts = {written.file.path: part_path(written.file.path) for written in waiting}
-    before = strike_motions(names[0], progress)
-    with under_final_names({name: parts.get(name, name) for name in names}) as copy:
-        found = compare_motions(before, strike_motions(copy, progress), names[0])
-    for written in waiting:
-        compaction = written.compaction.model_copy(update={"strikes": found})
+    original = judged_motions(names[0], progress)
+    *preferred, last = INFORMATION_SHARES if options.near_lossless else (None,)
+    for share in preferred:
+        copies = [_write(source, options, share, progress) for source in sources]
+        recoded = _recoded_motions(names, copies, progress)
+        with suppress(CompactError):
+            changes = compare_motions(original, recoded, names[0])
+            if all(is_as_aimed(each) for each in changes):
+                break
+    else:
+        copies = [_write(source, options, last, progress) for source in sources]
+        changes = compare_motions(original, _recoded_motions(names, copies, progress), names[0])
+    for written in copies:
+        compaction = written.compaction.model_copy(update={"strikes": changes})
         written.copied.finish({"json": canonical_json(compaction)})
-        with closing(open_finished(part_path(written.file.path))) as finished:
-            refuse_other_head(written.file, finished)
+        with closing(open_finished(part_path(written.source.file.path))) as finished:
+            refuse_other_head(written.source.file, finished)
         yield _publish(replace(written, compaction=compaction))
+
+
+def _recoded_motions(
+    names: Sequence[Path], copies: Sequence[_Written], progress: Progress
+) -> dict[str, TipMotion]:
+    """Motion of each strike of a recording by the copies of its files, by its id."""
+    parts = {each.source.file.path: part_path(each.source.file.path) for each in copies if each.is_smaller}
+    with under_final_names({name: parts.get(name, name) for name in names}) as copy:
+        return strike_motions(copy, progress)

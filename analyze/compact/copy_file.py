@@ -37,7 +37,7 @@ class Copied:
     fd: int
     content_id: str
     """hash of the copy's messages"""
-    tail: int
+    tail_offset: int
     """offset of the records that follow the last message"""
     summary: Summary
     """the summary as it was there"""
@@ -45,7 +45,7 @@ class Copied:
     """metadata records that follow the last message, without the seal"""
     seal: dict[str, str]
     """entries of the source's seal; empty if it has none"""
-    images: int
+    recoded_images: int
     """number of images in another coding"""
 
     def finish(self, entries: dict[str, str]) -> None:
@@ -54,9 +54,9 @@ class Copied:
         Raises:
             OSError: the file cannot be written.
         """
-        os.ftruncate(self.fd, self.tail)
-        os.lseek(self.fd, self.tail, os.SEEK_SET)
-        self.writer.size, self.writer.summary = self.tail, deepcopy(self.summary)
+        os.ftruncate(self.fd, self.tail_offset)
+        os.lseek(self.fd, self.tail_offset, os.SEEK_SET)
+        self.writer.size, self.writer.summary = self.tail_offset, deepcopy(self.summary)
         for name, values in self.metadata:
             self.writer.write_metadata(name, values)
         self.writer.write_metadata(COMPACTED_NAME, entries)
@@ -81,19 +81,18 @@ class _Copy:
     images_of: dict[int, str] = field(default_factory=dict[int, str])
     """type of the messages of each channel of images"""
     digest: ContentHash = field(default_factory=ContentHash)
-    images: int = 0
+    recoded_images: int = 0
     tail: list[tuple[str, dict[str, str]]] = field(default_factory=list[tuple[str, dict[str, str]]])
     """metadata that follow the first message"""
     seal: dict[str, str] = field(default_factory=dict[str, str])
-    began: bool = False
-    """True once there are messages"""
+    has_messages: bool = False
 
     def metadata(self, record: MetadataRecord) -> None:
         """Write metadata, or keep what follows messages for the end; that on a coding is made anew."""
         if record.name == SEAL_NAME:
             self.seal = record.entries
         elif record.name != COMPACTED_NAME:
-            if self.began:
+            if self.has_messages:
                 self.tail.append((record.name, record.entries))
             else:
                 self.writer.write_metadata(record.name, record.entries)
@@ -115,7 +114,7 @@ class _Copy:
 
     def chunk(self, records: memoryview) -> None:
         """Write the messages of a chunk, images in their new coding."""
-        self.began = True
+        self.has_messages = True
         pending = PendingMessages()
         for _, message in walk_messages(records):
             data = self._data(message)
@@ -137,7 +136,7 @@ class _Copy:
         recoded = recode(schema, message.data, self.coding_of(topic, message.log_time_ns))
         if recoded is None:
             return message.data
-        self.images += 1
+        self.recoded_images += 1
         return recoded
 
 
@@ -174,7 +173,7 @@ def copy_recoded(data: memoryview, fd: int, coding_of: CodingOf, tick: Tick) -> 
             raise ContainerError(f"a record of kind {opcode} at byte {at} is none of a recording's")
         tick(at)
     content_id, summary = copy.digest.hexdigest(), deepcopy(writer.summary)
-    return Copied(writer, fd, content_id, writer.size, summary, copy.tail, copy.seal, copy.images)
+    return Copied(writer, fd, content_id, writer.size, summary, copy.tail, copy.seal, copy.recoded_images)
 
 
 def stored_messages(data: memoryview) -> Iterator[tuple[str, MessageRecord]]:

@@ -52,6 +52,8 @@ class Coding:
 
     noise_sd: float = 0.0
     """standard deviation of a pixel's noise [grey], within which pixels may change; 0 for no change"""
+    information_share: float = 1.0
+    """share of the information on motion that exact pixels hold"""
     squares: NDArray[np.bool_] | None = None
     """True for each square (`moving_region.SQUARE_PX`) of the image that is kept; None for all of it"""
 
@@ -115,7 +117,8 @@ def _kept(image: NDArray[np.uint8], coding: Coding) -> NDArray[np.bool_] | None:
 def _wanted(image: NDArray[np.uint8], coding: Coding) -> NDArray[np.uint8]:
     """Image (h, w) as it is to be stored."""
     kept = _kept(image, coding)
-    changed = within_noise(image, coding.noise_sd, kept) if coding.noise_sd else image
+    share = coding.information_share
+    changed = within_noise(image, coding.noise_sd, kept, share) if coding.noise_sd else image
     return changed if kept is None else np.where(kept, changed, np.uint8(GREY))
 
 

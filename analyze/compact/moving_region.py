@@ -104,4 +104,4 @@ def _hull(changed: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * margin + 1, 2 * margin + 1))
     high, across = (size // _REDUCED_SQUARE for size in changed.shape)
     wide = cv2.dilate(region, kernel).reshape(high, _REDUCED_SQUARE, across, _REDUCED_SQUARE)
-    return wide.any(axis=(1, 3))
+    return np.asarray(wide.any(axis=(1, 3)), np.bool_)

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 MAX_CHANGE_SD = 5.0
 """largest change of a pixel over the standard deviation of the noise"""
-_INFORMATION_SHARE = 0.95
-"""share of the information on motion that exact pixels hold"""
 _BLUR_PX = 1.5
 """1 sigma of the blur by which gradients are measured [px]"""
 _GRADIENT_SDS = 5.0
@@ -36,7 +34,7 @@ _MEAN_BLUR_SQUARES = 0.5
 
 
 def within_noise(
-    image: NDArray[np.uint8], noise_sd: float, kept: NDArray[np.bool_] | None
+    image: NDArray[np.uint8], noise_sd: float, kept: NDArray[np.bool_] | None, information_share: float
 ) -> NDArray[np.uint8]:
     """Image (h, w) with local means for the pixels without structure; none changes beyond `MAX_CHANGE_SD`.
 
@@ -44,8 +42,9 @@ def within_noise(
         image: (h, w) grey values.
         noise_sd: standard deviation of a pixel's noise [grey].
         kept: (h, w) True where the image counts; None for all of it.
+        information_share: share of the information on motion that exact pixels hold.
     """
-    exact = _structure(image, noise_sd, kept)
+    exact = _structure(image, noise_sd, kept, information_share)
     flat = ~exact if kept is None else kept & ~exact
     means = _local_means(image, flat)
     off = cv2.absdiff(image, means)
@@ -53,9 +52,9 @@ def within_noise(
 
 
 def _structure(
-    image: NDArray[np.uint8], noise_sd: float, kept: NDArray[np.bool_] | None
+    image: NDArray[np.uint8], noise_sd: float, kept: NDArray[np.bool_] | None, information_share: float
 ) -> NDArray[np.bool_]:
-    """True (h, w) near the steepest pixels, which hold `_INFORMATION_SHARE` of the information on motion."""
+    """True (h, w) near the steepest pixels, which hold the given share of the information on motion."""
     soft = cv2.GaussianBlur(image.astype(np.float32), (0, 0), _BLUR_PX)
     energy = cv2.Sobel(soft, cv2.CV_32F, 1, 0, ksize=1, scale=0.5) ** 2
     energy += cv2.Sobel(soft, cv2.CV_32F, 0, 1, ksize=1, scale=0.5) ** 2
@@ -66,7 +65,7 @@ def _structure(
     found = np.sort(energy[steep])[::-1]
     if len(found):
         held = np.cumsum(found, dtype=np.float64)
-        last = int(np.searchsorted(held, _INFORMATION_SHARE * held[-1]))
+        last = int(np.searchsorted(held, information_share * held[-1]))
         steep &= energy >= found[min(last, len(found) - 1)]
     size = 2 * _MARGIN_PX + 1
     near = cv2.dilate(steep.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import shutil
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
@@ -54,7 +55,9 @@ def locked_part(path: Path) -> Iterator[int]:
 
 
 def publish(target: Path, fd: int) -> None:
-    """Give a copy the name, owner and permissions of the file that it replaces, forced to the disk.
+    """Give a copy the name of the file that it replaces, forced to the disk.
+
+    It takes over owner, permissions, times, and the extended attributes that the file system has room for.
 
     Args:
         target: file to be replaced.
@@ -64,13 +67,15 @@ def publish(target: Path, fd: int) -> None:
         CompactError: the copy is no longer there, or cannot be given to the file's owner.
         OSError: it cannot be renamed.
     """
-    before = target.stat()
-    if (before.st_uid, before.st_gid) != (os.fstat(fd).st_uid, os.fstat(fd).st_gid):
+    owner, own = target.stat(), os.fstat(fd)
+    if (owner.st_uid, owner.st_gid) != (own.st_uid, own.st_gid):
         try:
-            os.fchown(fd, before.st_uid, before.st_gid)
+            os.fchown(fd, owner.st_uid, owner.st_gid)
         except PermissionError:
-            raise CompactError(f"{target}: belongs to another user: compact it as that user") from None
-    os.fchmod(fd, before.st_mode & 0o7777)
+            raise CompactError(
+                f"{target}: belongs to user {owner.st_uid}, group {owner.st_gid}: compact it as that user"
+            ) from None
+    shutil.copystat(target, f"/proc/self/fd/{fd}")
     os.fsync(fd)
     if not _is_at(part_path(target), fd):
         raise CompactError(f"{target}: its copy {part_path(target).name} was removed meanwhile: run it again")

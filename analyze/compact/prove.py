@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from analyze.reading.indexed_file import IndexedFile
     from schemas.mcap.records import MessageRecord
 
-STAYS = "it stays as it is"
+ORIGINAL_STAYS = "it stays as it is"
+"""end of a message: the original was not replaced"""
 _REMADE = {COMPACTED_NAME, SEAL_NAME}
 """metadata that a copy has of its own"""
 
@@ -41,23 +42,26 @@ def prove(file: IndexedFile, part: Path, codings: Codings, progress: Progress) -
         RecordingError: one of them is damaged.
     """
     with closing(open_finished(part)) as copy, file.damage_as_error():
-        before, after = ContentHash(), ContentHash()
+        digests = ContentHash(), ContentHash()
         total = sum(file.message_counts.values())
         number = -1
         pairs = zip_longest(stored_messages(file.data), stored_messages(copy.data))
         for number, (one, other) in enumerate(pairs):
             if one is None or other is None or not _is_same(file, one, other, codings):
-                raise CompactError(f"{file.path}: message {number} of its copy differs: {STAYS}; report this")
-            for digest, (topic, message) in ((before, one), (after, other)):
+                raise CompactError(
+                    f"{file.path}: message {number} of its copy differs: {ORIGINAL_STAYS}; report this"
+                )
+            for digest, (topic, message) in zip(digests, (one, other), strict=True):
                 digest.add(topic, message.log_time_ns, len(message.data), message.data)
             progress(f"comparing {file.path.name}", number, total)
         if file.message_counts != copy.message_counts or total != number + 1:
-            raise CompactError(f"{file.path}: its messages are not all in chunks: {STAYS}")
+            raise CompactError(f"{file.path}: its messages are not all in chunks: {ORIGINAL_STAYS}")
         sealed = (each.metadata.get(SEAL_NAME, {}).get("content_id") for each in (file, copy))
-        for stated, digest in zip(sealed, (before, after), strict=True):
+        for stated, digest in zip(sealed, digests, strict=True):
             if stated not in {None, digest.hexdigest()}:
                 raise CompactError(
-                    f"{file.path}: its content is not what was sealed: {STAYS}; restore it from a copy"
+                    f"{file.path}: its content is not what was sealed: {ORIGINAL_STAYS};"
+                    " restore it from a copy"
                 )
         refuse_other_head(file, copy)
 
@@ -77,18 +81,18 @@ def refuse_other_head(file: IndexedFile, copy: IndexedFile) -> None:
         for one in (file, copy)
     ]
     if heads[0] != heads[1]:
-        raise CompactError(f"{file.path}: its copy differs from it: {STAYS}; report this")
+        raise CompactError(f"{file.path}: its copy differs from it: {ORIGINAL_STAYS}; report this")
 
 
 def _is_same(
     file: IndexedFile, one: tuple[str, MessageRecord], other: tuple[str, MessageRecord], codings: Codings
 ) -> bool:
     """True if two messages are the same, or the same image in the coding that it was to have."""
-    (topic, before), (its_topic, after) = one, other
-    if topic != its_topic or before[:4] != after[:4]:
+    (topic, original), (copied_topic, copied) = one, other
+    if topic != copied_topic or original[:4] != copied[:4]:
         return False
-    if before.data == after.data:
+    if original.data == copied.data:
         return True
-    schema = file.schemas.get(file.channels[before.channel_id].schema_id, "")
-    coding = codings.coding_at(topic, before.log_time_ns)
-    return schema in {RAW, COMPRESSED} and is_recoded(schema, before.data, after.data, coding)
+    schema = file.schemas.get(file.channels[original.channel_id].schema_id, "")
+    coding = codings.coding_at(topic, original.log_time_ns)
+    return schema in {RAW, COMPRESSED} and is_recoded(schema, original.data, copied.data, coding)

@@ -23,6 +23,8 @@ MAX_CHANGE_SDS = 0.5
 """largest change of phi and k over their standard deviations"""
 MAX_SD_CHANGE = 0.1
 """largest relative change of these standard deviations"""
+AIMED_PHI, AIMED_K = math.radians(0.01), 5e-4
+"""change of phi [rad] and relative change of k at which no other coding is tried"""
 
 _REMEDY = "it stays as it is; compact it without --near-lossless and --crop"
 
@@ -31,13 +33,24 @@ def strike_motions(path: Path, progress: Progress) -> dict[str, TipMotion]:
     """Motion of each strike of a recording, by its id.
 
     Raises:
-        CompactError: the recording has tosses, which are not compared.
         AnalyzeError: the recording cannot be read, or no strike can.
     """
-    head = read_head(path)
-    if head.toss_ids:
+    return {each.strike_id: each for each in read_evidence(read_head(path), progress=progress).motions}
+
+
+def judged_motions(path: Path, progress: Progress) -> dict[str, TipMotion]:
+    """Motion of each strike of a recording, by its id, by which a loss can be judged.
+
+    Raises:
+        CompactError: the recording has tosses, which are not compared, or no good strike.
+        AnalyzeError: the recording cannot be read, or no strike can.
+    """
+    if read_head(path).toss_ids:
         raise CompactError(f"{path}: has tosses, on which a loss is not judged: {_REMEDY}")
-    return {each.strike_id: each for each in read_evidence(head, progress=progress).motions}
+    found = strike_motions(path, progress)
+    if not any(each.verdict in USABLE_VERDICTS and each.fit is not None for each in found.values()):
+        raise CompactError(f"{path}: has no good strike by which a loss could be judged: {_REMEDY}")
+    return found
 
 
 @contextmanager
@@ -60,7 +73,7 @@ def compare_motions(
 
     Raises:
         CompactError: a strike has another verdict, changed by more than `MAX_CHANGE_SDS`, or its standard
-            deviations by more than `MAX_SD_CHANGE`; or none is good.
+            deviations by more than `MAX_SD_CHANGE`.
     """
     found: list[StrikeChange] = []
     for name, one in original.items():
@@ -73,8 +86,6 @@ def compare_motions(
         if other.fit is None or (one.fit.k is None) != (other.fit.k is None):
             raise CompactError(f"{path}: strike {name} would be fitted otherwise: {_REMEDY}")
         found.append(_change(name, one.fit, other.fit, path))
-    if not found:
-        raise CompactError(f"{path}: has no good strike by which a loss could be judged: {_REMEDY}")
     return found
 
 
@@ -109,3 +120,8 @@ def _change(name: str, one: MotionFit, other: MotionFit, path: Path) -> StrikeCh
         phi_sd_relative=float(ratios[0]),
         k_sd_relative=None if k is None else float(ratios[1]),
     )
+
+
+def is_as_aimed(change: StrikeChange) -> bool:
+    """True if a strike changed so little that no other coding need be tried."""
+    return abs(change.phi_rad or 0.0) <= AIMED_PHI and abs(change.k_relative or 0.0) <= AIMED_K

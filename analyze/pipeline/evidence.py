@@ -47,6 +47,8 @@ class RecordingHead:
     """what `acquire recover` lost, found changed or could not verify; each a line"""
     rig_toml: str | None = None
     """text of the rig file of the session; None if the recording holds none"""
+    losses: tuple[str, ...] = ()
+    """what `analyze compact` took from the images of its files, and how the strikes changed; each a line"""
 
 
 @dataclass(frozen=True)

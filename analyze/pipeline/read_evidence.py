@@ -83,6 +83,13 @@ def read_open_head(recording: Recording) -> RecordingHead:
         recording.missing_parts,
         recording.recovery_losses,
         None if rig is None else rig.decode(errors="replace"),
+        tuple(
+            dict.fromkeys(
+                f"{each.loss_text()} ({each.change_text()})"
+                for each in recording.compactions
+                if not each.exact
+            )
+        ),
     )
 
 

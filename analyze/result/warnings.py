@@ -79,7 +79,7 @@ def result_warnings(estimate: Estimate, frame_times: Sequence[FrameTimes]) -> li
 
 
 def _recording_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
-    """Yield warnings of missing files, of planned strikes not made, and of recordings that disagree.
+    """Yield warnings of files missing, rebuilt or compacted, of strikes not made, and of disagreement.
 
     Recordings disagree if one centre of mass does not explain them all.
     """
@@ -97,6 +97,10 @@ def _recording_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
             which = f"recording {number}" if several else "the recording"
             text = f"{which} was rebuilt by `acquire recover`: {'; '.join(recording.recovery_losses)}"
             yield warning(WarningCode.RECORDING_RECOVERED, text)
+        if recording.losses:
+            which = f"recording {number}" if several else "the recording"
+            text = f"images of {which} were compacted with loss: {'; '.join(recording.losses)}"
+            yield warning(WarningCode.RECORDING_COMPACTED, text)
     done = planned_strikes(evidence.plan, (motion.plan_strike_id for motion in evidence.motions))
     if done.missing:
         yield warning(WarningCode.RECORDING_INCOMPLETE, done.text())

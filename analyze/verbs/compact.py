@@ -24,13 +24,22 @@ _SOME_FAILED = 3
 @click.option(
     "--near-lossless",
     is_flag=True,
-    help="Quantise the images by their own noise; phi and k of each strike are compared, and refused changes"
-    " leave the recording as it is.",
+    help="Average the images, within their own noise, where they show no structure; phi and k of each strike"
+    " are compared, and a change leaves the recording as it is.",
 )
 @click.option("--crop", is_flag=True, help="Keep only the part of the image in which something moves.")
+@click.option(
+    "--disk-reserve",
+    type=click.IntRange(min=0),
+    default=0,
+    metavar="BYTES",
+    help="Disk space that a copy leaves free; a recording without room for one stays as it is.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @one_line
-def compact(places: tuple[str, ...], near_lossless: bool, crop: bool, as_json: bool) -> None:
+def compact(
+    places: tuple[str, ...], near_lossless: bool, crop: bool, disk_reserve: int, as_json: bool
+) -> None:
     """Store the images of recordings, or of all in a folder, in half the bytes, without loss.
 
     Each copy is read back and compared with the recording before it takes its place: whenever the command is
@@ -42,7 +51,7 @@ def compact(places: tuple[str, ...], near_lossless: bool, crop: bool, as_json: b
     from analyze.errors import AnalyzeError
     from analyze.progress import ProgressBar
 
-    options = CompactOptions(near_lossless, crop)
+    options = CompactOptions(near_lossless, crop, disk_reserve)
     done: list[Compacted] = []
     problems: list[str] = []
     with ProgressBar() as progress:
@@ -68,8 +77,8 @@ def _as_json(done: list[Compacted], problems: list[str]) -> dict[str, object]:
     files = [
         {
             "path": str(each.path),
-            "bytes_before": each.before,
-            "bytes": each.after,
+            "bytes_original": each.bytes_original,
+            "bytes_compact": each.bytes_compact,
             "compaction": None if each.compaction is None else each.compaction.model_dump(mode="json"),
         }
         for each in done
@@ -78,26 +87,19 @@ def _as_json(done: list[Compacted], problems: list[str]) -> dict[str, object]:
 
 
 def _render(done: list[Compacted]) -> None:
+    changed = [each for each in done if each.compaction is not None]
     for each in done:
         if each.compaction is None:
-            echo(f"{each.path}: compact already: {each.after / _MEGA:.1f} MB")
+            echo(f"{each.path}: compact already: {each.bytes_compact / _MEGA:.1f} MB")
             continue
-        kind = "without loss" if each.compaction.exact else _loss(each)
-        echo(
-            f"{each.path}: {each.before / _MEGA:.1f} to {each.after / _MEGA:.1f} MB"
-            f" ({100 * each.after / max(each.before, 1):.0f} %), {kind}"
-        )
-    changed = [each for each in done if each.compaction is not None]
+        kind = "without loss" if each.compaction.exact else each.compaction.change_text()
+        share = 100 * each.bytes_compact / max(each.bytes_original, 1)
+        echo(f"{each.path}: {_sizes([each])} ({share:.0f} %), {kind}")
     if len(done) > 1:
-        before, after = (sum(getattr(each, name) for each in changed) for name in ("before", "after"))
-        echo(f"{counted(len(changed), 'file')} compacted: {before / _MEGA:.1f} to {after / _MEGA:.1f} MB")
+        echo(f"{counted(len(changed), 'file')} compacted: {_sizes(changed)}")
 
 
-def _loss(each: Compacted) -> str:
-    import math
-
-    assert each.compaction is not None  # noqa: S101 - asked only of these
-    strikes = each.compaction.strikes
-    phi = max((abs(math.degrees(strike.phi_rad or 0.0)) for strike in strikes), default=0.0)
-    k = max((100 * abs(strike.k_relative or 0.0) for strike in strikes), default=0.0)
-    return f"{counted(len(strikes), 'strike')} compared: phi within {phi:.4f} deg, k within {k:.3f} %"
+def _sizes(files: list[Compacted]) -> str:
+    original = sum(each.bytes_original for each in files) / _MEGA
+    compact = sum(each.bytes_compact for each in files) / _MEGA
+    return f"{original:.1f} to {compact:.1f} MB"

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from analyze.reading.file_series import missing_files_text
 from analyze.reading.planned_strikes import PlannedStrikes
+from schemas.compaction import Compaction
 from schemas.terminal import Terminal, styled
 from schemas.wording import counted
 
@@ -109,16 +110,8 @@ def _write_session(found: dict[str, Any], write: Any) -> None:
             f"rebased by {entry['software']}: {changed}; the earlier files are attached as rebase-{number}/"
         )
     for entry in found["compacted"]:
-        write(f"compacted by {entry['software']} from {_bytes(entry['source_bytes'])}: {_loss(entry)}")
-
-
-def _loss(compaction: dict[str, Any]) -> str:
-    """Words for what a compaction lost."""
-    if compaction["exact"]:
-        return "no pixel changed"
-    parts = [f"quantised by {compaction['step']} grey levels"] if compaction["step"] else []
-    parts += ["kept where something moves"] if compaction["cropped"] else []
-    return ", ".join(parts)
+        lost = Compaction(**entry).loss_text()
+        write(f"compacted by {entry['software']} from {_bytes(entry['source_bytes'])}: {lost}")
 
 
 def _written(found: dict[str, Any]) -> str:
