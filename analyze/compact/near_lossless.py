@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 MAX_CHANGE_SD = 5.0
 """largest change of a pixel over the standard deviation of the noise"""
+_OUTLIER_STEP_SD = 4.0
+"""step of the grey values of pixels that differ more from their local mean, over the noise"""
+_WHITE = 255
 _BLUR_PX = 1.5
 """1 sigma of the blur by which gradients are measured [px]"""
 _GRADIENT_SDS = 5.0
@@ -47,8 +50,11 @@ def within_noise(
     exact = _structure(image, noise_sd, kept, information_share)
     flat = ~exact if kept is None else kept & ~exact
     means = _local_means(image, flat)
-    off = cv2.absdiff(image, means)
-    return np.where(exact | (off > MAX_CHANGE_SD * noise_sd), image, means)
+    off = image.astype(np.int16) - means
+    far = np.abs(off) > MAX_CHANGE_SD * noise_sd
+    step = _OUTLIER_STEP_SD * noise_sd
+    means[far] = np.clip(means[far] + np.rint(np.rint(off[far] / step) * step), 0, _WHITE).astype(np.uint8)
+    return np.where(exact, image, means)
 
 
 def _structure(
