@@ -10,12 +10,13 @@ a frame, and the answer beside the original's, without loss, within the noise, a
 
 from __future__ import annotations
 
+import json
 import math
 import shutil
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -123,8 +124,17 @@ def rows_of(source: Path, frames: int, rounded: Sequence[float]) -> list[Row]:
     help="Instead: a video, a folder of images, or a recording.",
 )
 @click.option("--rounded", type=float, multiple=True, help="Round all pixels by this many sds of the noise.")
+@click.option(
+    "--json", "json_path", type=click.Path(path_type=Path), help="Also append the rows, as JSON lines."
+)
 def main(
-    seeds: int, objects: str, strikes: int, road: str, footage: tuple[Path, ...], rounded: tuple[float, ...]
+    seeds: int,
+    objects: str,
+    strikes: int,
+    road: str,
+    footage: tuple[Path, ...],
+    rounded: tuple[float, ...],
+    json_path: Path | None,
 ) -> None:
     """Film, compact and estimate the sessions, and print the table."""
     if footage:
@@ -136,7 +146,13 @@ def main(
         with TemporaryDirectory() as folder:
             path = Path(folder) / "session.mcap"
             filmed_recording(path, name, seed, strikes, road)
-            rows += rows_of(path, path.stat().st_size // (656 * 492), rounded)
+            found = rows_of(path, path.stat().st_size // (656 * 492), rounded)
+        rows += found
+        if json_path is not None:
+            with json_path.open("a", encoding="utf-8") as lines:
+                lines.writelines(
+                    f"{json.dumps({'object': name, 'seed': seed, **asdict(row)})}\n" for row in found
+                )
     table = Table(title=f"{len(cases)} sessions of {strikes} strikes", title_justify="left")
     for heading in (
         "coding", "sessions", "refused", "size, %", "largest", "ms/frame", "phi, deg, median", "largest",

@@ -62,6 +62,8 @@ class SessionRig:
     kinds: DeviceKinds = USUAL_KINDS
     tosses: int = 0
     """number of planned tosses"""
+    recorder: str = ""
+    """lines of the rig file's table [recorder]"""
 
     def __post_init__(self) -> None:
         thing = load_object(OBJECT, SEED)
@@ -76,7 +78,8 @@ class SessionRig:
         port = self.folder / ("ttyBoard" if moved.striker == "serial" else "ttyDXL")
         address = self.kinds.camera_address(ADDRESS, self.folder, SEED)
         socket = self.folder / "d" / "d.sock"
-        rig.write_text(rig_toml(sheet, address, str(port), socket, self.kinds))
+        text = rig_toml(sheet, address, str(port), socket, self.kinds)
+        rig.write_text(text.replace("[recorder]\n", f"[recorder]\n{self.recorder}\n"))
         self.camera = self.start_camera()
         plan = [
             str(self.folder / "object.toml"),
@@ -131,9 +134,13 @@ class SessionRig:
 
 @contextlib.contextmanager
 def session_rig(
-    striker: str = "dynamixel", strikes: int = 3, kinds: DeviceKinds | None = None, tosses: int = 0
+    striker: str = "dynamixel",
+    strikes: int = 3,
+    kinds: DeviceKinds | None = None,
+    tosses: int = 0,
+    recorder: str = "",
 ) -> Iterator[SessionRig]:
     """Yield a rig in a folder with a short name, because the path of a socket is limited."""
     kinds = kinds or DeviceKinds(striker=striker)
     with tempfile.TemporaryDirectory(prefix="ps-") as name, contextlib.ExitStack() as cleanup:
-        yield SessionRig(Path(name), cleanup, strikes=strikes, kinds=kinds, tosses=tosses)
+        yield SessionRig(Path(name), cleanup, strikes=strikes, kinds=kinds, tosses=tosses, recorder=recorder)

@@ -132,6 +132,17 @@ def test_warning_says_what_a_recovery_lost(evidence, estimate):
     assert text == "the recording was rebuilt by `acquire recover`: lost: 1 damaged record"
 
 
+@pytest.mark.usefixtures("coarse_regions_here")
+def test_warning_says_what_a_compaction_lost(evidence, estimate):
+    assert WarningCode.RECORDING_COMPACTED not in codes(estimate)
+    head = replace(evidence.recordings[0], losses=("kept where something moves (1 strike compared)",))
+    found = answer_evidence(replace(evidence, recordings=(head,)))
+    text = next(each.text for each in found.result.warnings if each.code is WarningCode.RECORDING_COMPACTED)
+    assert text == (
+        "images of the recording were compacted with loss: kept where something moves (1 strike compared)"
+    )
+
+
 def test_refusal_of_strikes_that_rolled_aside_says_what_helps(evidence):
     motions = [replace(motion, verdict=Verdict.ROLLED) for motion in evidence.motions[2:]]
     with pytest.raises(EstimationError, match="most rolled aside on the rim: turn its heavy side towards"):
