@@ -86,10 +86,10 @@ def rounding(step_sd: float) -> Iterator[None]:
         yield
 
 
-def rows_of(source: Path, frames: int, rounded: Sequence[float]) -> list[Row]:
+def rows_of(source: Path, frames: int, kinds: Sequence[str], rounded: Sequence[float]) -> list[Row]:
     """One session in all codings."""
     original, com = answer(source)
-    codings = {kind: (options, nullcontext()) for kind, options in KINDS.items()}
+    codings = {kind: (KINDS[kind], nullcontext()) for kind in kinds}
     codings |= {f"all pixels by {step:g} sd, crop": (KINDS["both"], rounding(step)) for step in rounded}
     size, found = source.stat().st_size, list[Row]()
     for kind, (options, patched) in codings.items():
@@ -123,6 +123,7 @@ def rows_of(source: Path, frames: int, rounded: Sequence[float]) -> list[Row]:
     multiple=True,
     help="Instead: a video, a folder of images, or a recording.",
 )
+@click.option("--codings", default=",".join(KINDS), show_default=True, help="Comma-separated.")
 @click.option("--rounded", type=float, multiple=True, help="Round all pixels by this many sds of the noise.")
 @click.option(
     "--json", "json_path", type=click.Path(path_type=Path), help="Also append the rows, as JSON lines."
@@ -133,6 +134,7 @@ def main(
     strikes: int,
     road: str,
     footage: tuple[Path, ...],
+    codings: str,
     rounded: tuple[float, ...],
     json_path: Path | None,
 ) -> None:
@@ -146,7 +148,7 @@ def main(
         with TemporaryDirectory() as folder:
             path = Path(folder) / "session.mcap"
             filmed_recording(path, name, seed, strikes, road)
-            found = rows_of(path, path.stat().st_size // (656 * 492), rounded)
+            found = rows_of(path, path.stat().st_size // (656 * 492), codings.split(","), rounded)
         rows += found
         if json_path is not None:
             with json_path.open("a", encoding="utf-8") as lines:
