@@ -69,6 +69,17 @@ def test_a_recording_that_cannot_be_is_named_and_the_next_one_is(tmp_path, compa
     assert "bad.mcap" in complaint
 
 
+def test_the_recorders_reserve_stays_free(tmp_path, complaints):
+    path = tmp_path / "s.mcap"
+    size = session(path)
+    with closing(Compactor(True, complaints.append, reserve_bytes=1 << 60, wait_s=0.1)) as reserved:
+        reserved.enqueue([str(path)])
+        assert until(lambda: bool(complaints))
+    [complaint] = complaints
+    assert "MB are to stay free" in complaint
+    assert path.stat().st_size == size
+
+
 def test_without_the_setting_nothing_happens(tmp_path):
     assert RecorderConfig().compact == "never"
     path = tmp_path / "s.mcap"
