@@ -13,6 +13,8 @@ import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from schemas.rig import RecorderConfig
+
 WAIT_S = 60.0
 """time after a session before its recording is compacted [s]: its answer comes first"""
 
@@ -21,21 +23,17 @@ class Compactor:
     """Queue of recordings to be compacted, and the child process that compacts the first of them.
 
     Args:
-        enabled: True if recordings are to be compacted.
+        recorder: whether recordings are compacted, and the disk space that a copy leaves free.
         complain: called with one line on a recording that cannot be.
-        reserve_bytes: disk space that a copy leaves free [bytes].
         wait_s: time after a session before its recording is compacted [s].
     """
 
     def __init__(
-        self,
-        enabled: bool,
-        complain: Callable[[str], None],
-        reserve_bytes: int = 0,
-        wait_s: float = WAIT_S,
+        self, recorder: RecorderConfig, complain: Callable[[str], None], wait_s: float = WAIT_S
     ) -> None:
-        self._enabled, self._complain, self._wait_s = enabled, complain, wait_s
-        self._compact = [sys.executable, "-m", "analyze", "compact", "--disk-reserve", str(reserve_bytes)]
+        self._enabled, self._complain, self._wait_s = recorder.compact == "after-session", complain, wait_s
+        reserve = ["--disk-reserve", str(recorder.disk_reserve_bytes)]
+        self._compact = [sys.executable, "-m", "analyze", "compact", *reserve]
         self._queue: list[Path] = []
         self._process: subprocess.Popen[str] | None = None
         self._paused = self._interrupted = False

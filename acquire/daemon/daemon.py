@@ -68,10 +68,7 @@ class Daemon:
         self._control = StrikerControl(self._make_striker(), self._recording.require_space)
         self._prompts = Prompts(self._publish, lambda: self._control.stopped)
         self._adviser = Adviser(lambda estimate: self._publish("estimate", estimate.model_dump(mode="json")))
-        recorder = config.recorder
-        self._compactor = Compactor(
-            recorder.compact == "after-session", self._complain, recorder.disk_reserve_bytes
-        )
+        self._compactor = Compactor(config.recorder, self._complain)
         self._attendance = Attendance(self._publish, lambda: self._control.stopped)
         self._board = SessionBoard(self._publish)
         self._server: ApiServer | None = None

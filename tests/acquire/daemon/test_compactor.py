@@ -12,6 +12,9 @@ from schemas.rig import RecorderConfig
 from tests.quick_archive import body_of, quick_session
 
 
+COMPACTING = RecorderConfig(compact="after-session", disk_reserve_bytes=0)
+
+
 @pytest.fixture
 def complaints() -> list[str]:
     return []
@@ -19,7 +22,7 @@ def complaints() -> list[str]:
 
 @pytest.fixture
 def compactor(complaints) -> Iterator[Compactor]:
-    with closing(Compactor(True, complaints.append, wait_s=0.1)) as running:
+    with closing(Compactor(COMPACTING, complaints.append, wait_s=0.1)) as running:
         yield running
 
 
@@ -72,7 +75,8 @@ def test_a_recording_that_cannot_be_is_named_and_the_next_one_is(tmp_path, compa
 def test_the_recorders_reserve_stays_free(tmp_path, complaints):
     path = tmp_path / "s.mcap"
     size = session(path)
-    with closing(Compactor(True, complaints.append, reserve_bytes=1 << 60, wait_s=0.1)) as reserved:
+    recorder = COMPACTING.model_copy(update={"disk_reserve_bytes": 1 << 60})
+    with closing(Compactor(recorder, complaints.append, wait_s=0.1)) as reserved:
         reserved.enqueue([str(path)])
         assert until(lambda: bool(complaints))
     [complaint] = complaints
@@ -81,10 +85,9 @@ def test_the_recorders_reserve_stays_free(tmp_path, complaints):
 
 
 def test_without_the_setting_nothing_happens(tmp_path):
-    assert RecorderConfig().compact == "never"
     path = tmp_path / "s.mcap"
     size = session(path)
-    with closing(Compactor(False, print, wait_s=0.0)) as idle:
+    with closing(Compactor(RecorderConfig(), print, wait_s=0.0)) as idle:
         idle.enqueue([str(path)])
         time.sleep(0.3)
     assert path.stat().st_size == size

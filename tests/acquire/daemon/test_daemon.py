@@ -21,7 +21,7 @@ from acquire.errors import SessionError, StrikerStopped
 from acquire.striker.base import StrikerState
 from acquire.striker.manual import ManualStriker
 from schemas.proto import percuss_pb2 as pb
-from schemas.rig import StrikerConfig
+from schemas.rig import RecorderConfig, StrikerConfig
 
 
 class Recording:
@@ -183,7 +183,7 @@ def test_a_stop_since_a_session_was_opened_holds(rig: Daemon, monkeypatch: pytes
     rig._camera = None  # type: ignore[assignment]
     manifest = SimpleNamespace(recording_id="r", wall_anchor_ns=0)
     rig._adviser = Adviser(lambda _: None)
-    rig._compactor = Compactor(False, lambda _: None)
+    rig._compactor = Compactor(RecorderConfig(), lambda _: None)
     rig._stop_striker()
     monkeypatch.setattr(rig._recording, "open", lambda *_: manifest, raising=False)
     rig._open_recording(connection, {})
