@@ -11,7 +11,6 @@ from acquire.daemon.compactor import Compactor
 from schemas.rig import RecorderConfig
 from tests.quick_archive import body_of, quick_session
 
-
 COMPACTING = RecorderConfig(compact="after-session", disk_reserve_bytes=0)
 
 

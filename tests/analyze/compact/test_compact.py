@@ -117,31 +117,36 @@ def test_a_second_run_changes_nothing(session):
     assert session.read_bytes() == content
 
 
-@pytest.mark.timeout(600)
-def test_whenever_it_is_killed_one_of_the_two_is_whole(raw, tmp_path):
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize(
+    ("options", "longest_s"),
+    [({}, 1.2), pytest.param({"near_lossless": True, "crop": True}, 12.0, marks=pytest.mark.slow)],
+    ids=["exact", "lossy"],
+)
+def test_whenever_it_is_killed_one_of_the_two_is_whole(raw, tmp_path, options, longest_s):
     original = raw.read_bytes()
     chance, outcomes = random.Random(1), []
     path = tmp_path / raw.name
     code = (
         "import sys; from pathlib import Path; from analyze.compact.compact import *;"
         "from analyze.progress import no_progress; print('begun', flush=True);"
-        "list(compact(Path(sys.argv[1]), CompactOptions(), no_progress))"
+        f"list(compact(Path(sys.argv[1]), CompactOptions(**{options}), no_progress))"
     )
     for _ in range(KILLS):
         path.write_bytes(original)
         with subprocess.Popen([sys.executable, "-c", code, path], stdout=subprocess.PIPE) as process:
             assert process.stdout is not None
             process.stdout.readline()
-            time.sleep(chance.uniform(0.0, 1.2))
+            time.sleep(chance.uniform(0.0, longest_s))
             process.send_signal(signal.SIGKILL)
         outcomes.append(is_compact(path))
         assert outcomes[-1] or path.read_bytes() == original
         left = set(tmp_path.iterdir()) - {path}
         assert left <= {part_path(path)}
     path.write_bytes(original)
-    shrink(path)
+    shrink(path, **options)
     assert list(tmp_path.iterdir()) == [path]
-    assert pixels(path) == pixels(raw)
+    assert options or pixels(path) == pixels(raw)
 
 
 def test_a_damaged_recording_stays_as_it_is(session):
