@@ -273,7 +273,7 @@ bench-print-traced: setup  ## strikes by print in a path tracer's films (install
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.print_traced $(TRACED)
 
 COMPACT ?=
-bench-compact: setup  ## recordings before and after `analyze compact`: size, time, the answer (COMPACT="--seeds 1 --objects carton") (fifteen minutes)
+bench-compact: setup  ## recordings before and after `analyze compact`: size, time, the answer (COMPACT="--seeds 1 --objects carton", or "--footage FILE" for real footage) (half an hour)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.compact $(COMPACT)
 
 bench-contact: setup  ## friction, restitution and predicted strikes against truth on seven tables, five objects (CONTACT="--seeds 1 --objects carton") (an hour)

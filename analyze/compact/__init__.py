@@ -1,1 +1,1 @@
-"""Recordings in half the bytes: images as PNG without loss, or as JPEG within the camera's noise."""
+"""Recordings in half the bytes: images as PNG, without loss, or exact only where they show structure."""

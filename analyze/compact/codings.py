@@ -10,10 +10,12 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+from google.protobuf.message import DecodeError
 
 from analyze.compact.images import COMPRESSED, RAW, Coding
 from analyze.compact.moving_region import moving_region, noise_sd
 from analyze.reading.image_message import decode_image
+from schemas.mcap.records import ContainerError
 from schemas.proto import percuss_pb2 as pb
 from schemas.topics import SESSION_STRIKE
 
@@ -88,12 +90,20 @@ def lossy_codings(file: IndexedFile, information_share: float | None, *, crop: b
 
 
 def _strike_times(file: IndexedFile) -> list[tuple[int, int]]:
-    """First and last log time [ns] of each strike's images, of the strikes whose record is in the file."""
+    """First and last log time [ns] of each strike's images, of the strikes whose record is in the file.
+
+    Raises:
+        RecordingError: the file is damaged.
+        ContainerError: a record cannot be parsed.
+    """
     index = file.index(SESSION_STRIKE.name)
-    records = (
-        pb.StrikeRecord.FromString(bytes(file.message(index, number).data))
-        for number in range(len(index.time_ns))
-    )
+    try:
+        records = [
+            pb.StrikeRecord.FromString(bytes(file.message(index, number).data))
+            for number in range(len(index.time_ns))
+        ]
+    except DecodeError:
+        raise ContainerError("a message is not a percuss.v1.StrikeRecord") from None
     return [(each.window_start_ns, each.window_end_ns) for each in records]
 
 
