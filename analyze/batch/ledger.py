@@ -16,6 +16,7 @@ from typing import IO
 
 from pydantic import TypeAdapter
 
+from analyze.batch.results_lock import cannot_be_written, lock_results
 from analyze.errors import ArchiveError
 
 FOLDER = "ledger"
@@ -71,36 +72,45 @@ def read_ledgers(output: Path) -> dict[str, Entry]:
 class Ledger:
     """File to which a batch run appends the outcome of each recording's analysis, a line per recording.
 
-    An outcome is a result or a failure. The file is locked against other runs of the same shard: one part of
-    an archive of recordings that is divided over several runs. A context manager that closes and unlocks the
-    file.
+    An outcome is a result or a failure. The folder of the results is locked against runs that overlap with
+    this one: all but those of other shards of the same count. A shard is one part of an archive of recordings
+    that is divided over several runs. A context manager that closes and unlocks the file.
     """
 
-    def __init__(self, output: Path, shard: str, run_ns: int) -> None:
+    def __init__(self, output: Path, shard: tuple[int, int], run_ns: int) -> None:
         """Open and lock the ledger; missing folders are created.
 
         Args:
             output: folder of the results.
-            shard: name of the shard; its ledger is `ledger/<shard>.jsonl`.
+            shard: number of the shard, from 1, and number of shards; its ledger is
+                `ledger/<number>-of-<shards>.jsonl`, that of an undivided run `ledger/all.jsonl`.
             run_ns: start of the run [ns since 1970], which orders the entries of several runs.
 
         Raises:
-            ArchiveError: another run has locked the ledger, or the folder cannot be written.
+            ArchiveError: another run has locked the ledger or the folder, the folder cannot be written, or
+                its file system has no locks.
         """
         folder = output / FOLDER
+        number, shards = shard
+        name = "all" if shards == 1 else f"{number}-of-{shards}"
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            self._file: IO[bytes] = (folder / f"{shard}.jsonl").open("ab")
+            self._file: IO[bytes] = (folder / f"{name}.jsonl").open("ab")
         except OSError as error:
-            raise ArchiveError(
-                f"{output}: cannot be written ({error.strerror}): choose another folder with --out"
-            ) from None
+            raise cannot_be_written(output, error) from None
         try:
+            self._results = lock_results(folder, output, shards)
+        except ArchiveError:
+            self._file.close()
+            raise
+        try:
+            # Two runs of one shard share the lock above.
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            self._file.close()
+            self.__exit__()
             raise ArchiveError(
-                f"{output}: another run is writing results there: wait for its end, or use another --out"
+                f"{output}: another run of shard {number}/{shards} is writing results there: wait for its "
+                "end, or use another --out"
             ) from None
         self._run_ns = run_ns
         if self._file.tell():
@@ -118,3 +128,4 @@ class Ledger:
 
     def __exit__(self, *_: object) -> None:
         self._file.close()
+        self._results.close()

@@ -155,11 +155,10 @@ def run_batch(
     """
     outcomes: list[Outcome] = []
     interrupted = False
-    shard = "all" if options.shard[1] == 1 else f"{options.shard[0]}-of-{options.shard[1]}"
-    with Ledger(output, shard, time.time_ns()) as ledger:
+    with Ledger(output, options.shard, time.time_ns()) as ledger:
         for folder in (ROWS, FAILURES, SCRATCH):
             (output / folder).mkdir(exist_ok=True)
-        _remove_dead_scratch(output)
+        _remove_dead_scratch(output, alone=options.shard == (1, 1))
         known = read_ledgers(output)
         _remove_rows_of_missing_files(output, known.values())
         pending, total = list(work.todo), len(work.todo)
@@ -283,11 +282,18 @@ def _remove_rows_of_missing_files(output: Path, known: Iterable[Entry]) -> None:
             (output / FAILURES / f"{entry.source_id}.parquet").unlink(missing_ok=True)
 
 
-def _remove_dead_scratch(output: Path) -> None:
-    """Remove folders of unfinished files that ended processes of this machine left in the results."""
+def _remove_dead_scratch(output: Path, *, alone: bool) -> None:
+    """Remove folders of unfinished files that ended processes left in the results.
+
+    Args:
+        output: folder of the results.
+        alone: True if no other run can be active there: the folders of all machines go, for a lost machine
+            never comes back for its own. False to remove only those of this machine.
+    """
     for folder in (output / SCRATCH).iterdir():
         host, _, process = folder.name.rpartition("-")[0].rpartition("-")
-        if host == socket.gethostname() and process.isdigit() and not Path(f"/proc/{process}").exists():
+        here = host == socket.gethostname() and process.isdigit()
+        if alone or (here and not Path(f"/proc/{process}").exists()):
             shutil.rmtree(folder, ignore_errors=True)
 
 

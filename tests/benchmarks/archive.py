@@ -157,7 +157,7 @@ def second_run(folder: Path, entries: int = 1000) -> None:
         (there / f"{number:04d}.mcap").write_bytes(b"x")
     for name in ("recordings", "failures"):
         (output / name).mkdir(parents=True)
-    with Ledger(output, "all", 1) as ledger:
+    with Ledger(output, (1, 1), 1) as ledger:
         for source in find_sources([str(there)]):
             name = Path(source.url).name
             (output / "recordings" / f"{source.id}.parquet").write_bytes(b"")

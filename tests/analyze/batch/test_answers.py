@@ -30,7 +30,7 @@ def results(tmp_path_factory):
     rng = np.random.default_rng(3)
     for name in ("recordings", "failures"):
         (output / name).mkdir()
-    with Ledger(output, "all", 1) as ledger:
+    with Ledger(output, (1, 1), 1) as ledger:
         for day in range(DAYS):
             numbers = {f"com_{axis}_m": 0.01 + rng.normal(0, SCATTER_M) for axis in "xy"} | {
                 "com_z_m": 0.02 + DRIFT_M * day

@@ -234,8 +234,8 @@ def test_ledger_with_an_unfinished_line_loses_only_that_line(archive, copied):
 
 
 def test_second_run_at_the_same_time_is_refused(copied):
-    with Ledger(copied, "all", 1), pytest.raises(ArchiveError, match="another run"):
-        Ledger(copied, "all", 2)
+    with Ledger(copied, (1, 1), 1), pytest.raises(ArchiveError, match="another run"):
+        Ledger(copied, (1, 1), 2)
 
 
 def test_time_and_memory_limits_give_rows_with_the_reason(archive, tmp_path):
