@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from contextlib import nullcontext
 from datetime import UTC, datetime
@@ -13,9 +12,10 @@ import cv2
 
 from analyze.batch.archive import PART_SUFFIX, Source
 from analyze.batch.peak_memory import PeakMemory
-from analyze.batch.result_rows import answer_columns, write_row
+from analyze.batch.result_rows import answer_columns, store_row
 from analyze.batch.settings import BatchSettings, analysis_version, key_of
 from analyze.batch.sparse_copy import sparse_copies
+from analyze.batch.unwritable import NO_SPACE, cannot_be_written
 from analyze.batch.worker_messages import FAILURES, OUT_OF_MEMORY, ROWS, Outcome, Request
 from analyze.errors import (
     AnalyzeError,
@@ -69,8 +69,7 @@ def analyse(request: Request, scratch: Path) -> Outcome:
         Outcome with the key of the row (hash that names its file), or with kind and reason of the failure.
 
     Raises:
-        OutputError, OSError: the results cannot be written.
-        ArchiveError: the object file has changed since the run began.
+        ArchiveError: the results cannot be written, or the object file has changed since the run began.
         ShapeError: the object file can no longer be read.
     """
     source, output = request.source, Path(request.output)
@@ -105,6 +104,8 @@ def analyse(request: Request, scratch: Path) -> Outcome:
                     )
                 columns = {**_row(head, request.settings), "status": "ok", "key": key}
         except Exception as error:
+            if isinstance(error, OSError) and error.errno in NO_SPACE:
+                raise cannot_be_written(output, error) from None  # a copy from a bucket
             columns = {"status": "failed", **_failure(error, source, scratch), "files": files, "key": None}
             key = ""
     stamps = {
@@ -112,11 +113,8 @@ def analyse(request: Request, scratch: Path) -> Outcome:
         "peak_memory_bytes": memory.peak_bytes,
         "analysed_at": datetime.now(UTC).isoformat(timespec="seconds"),
     }
-    row = {**common, **columns, **stamps}
-    part = scratch / "row.parquet"
-    write_row(row, part)
-    folder, name = (ROWS, key) if key else (FAILURES, source.id)
-    os.replace(part, output / folder / f"{name}.parquet")  # noqa: PTH105 - Path.replace is the same
+    name = f"{ROWS}/{key}.parquet" if key else f"{FAILURES}/{source.id}.parquet"
+    store_row({**common, **columns, **stamps}, scratch, output, name)
     return Outcome(
         source.url,
         source.id,

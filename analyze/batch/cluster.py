@@ -4,21 +4,27 @@ from __future__ import annotations
 
 import atexit
 import logging
+import shutil
 import socket
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 from analyze.batch.archive import Source
 from analyze.batch.settings import analysis_version
+from analyze.batch.unwritable import cannot_be_written
 from analyze.batch.worker_messages import DIED, Outcome, Request, write_failure
-from analyze.batch.worker_process import Limits, WorkerProcess
+from analyze.batch.worker_process import SCRATCH, Limits, WorkerProcess
 from analyze.errors import ArchiveError
 from schemas.software import extra_command
+from schemas.wording import counted
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
 
 _CONNECT_TIMEOUT_S = 20
 _this_thread = threading.local()
@@ -45,8 +51,48 @@ def cluster_answers(
     Raises:
         ArchiveError: Dask is not installed, or the scheduler does not answer.
     """
+    # Under another run's key, Dask would return that run's outcome, from its folder and with its settings.
+    run = uuid4().hex[:8]
+    plain_limits, version = (limits.seconds, limits.memory_bytes), analysis_version()
+    with _connected(scheduler) as client, _marked(Path(requests[0].output), run):
+        futures = {
+            client.submit(
+                _analyse_on_worker,
+                asdict(request),
+                plain_limits,
+                version,
+                run,
+                key=f"percuss-{run}-{request.source.id}-{number}",
+                pure=False,
+            ): request
+            for number, request in enumerate(requests)
+        }
+
+        def receive() -> Iterator[tuple[Source, Outcome]]:
+            from distributed import as_completed
+
+            for future in as_completed(list(futures), loop=client.loop):
+                request = futures.pop(future)
+                outcome = _outcome(future, request, scheduler, limits)
+                # Dask would analyse a recording again whose worker is lost after it was received.
+                future.release()
+                yield request.source, outcome
+
+        try:
+            yield receive()
+        finally:
+            client.cancel(list(futures), force=True)
+
+
+@contextmanager
+def _connected(scheduler: str) -> Iterator[Client]:
+    """Connection to the Dask scheduler for the duration of a `with` block.
+
+    Raises:
+        ArchiveError: Dask is not installed, or the scheduler does not answer.
+    """
     try:
-        from distributed import Client, as_completed
+        from distributed import Client
     except ImportError:
         raise ArchiveError(f"--scheduler needs Dask distributed: {extra_command('cluster')}") from None
     try:
@@ -56,48 +102,74 @@ def cluster_answers(
             f"{scheduler}: no Dask scheduler answers ({' '.join(str(error).split())}): start it, or check "
             "the address"
         ) from None
-    # Dask logs a lost connection as a traceback; the error below reports it in one line.
+    # Dask logs a lost connection as a traceback; an error reports it in one line.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
-    plain_limits, version = (limits.seconds, limits.memory_bytes), analysis_version()
-    # Under another run's key, Dask would return that run's outcome, from its folder and with its settings.
-    run = uuid4().hex[:8]
-    futures = {
-        client.submit(
-            _analyse_on_worker,
-            asdict(request),
-            plain_limits,
-            version,
-            key=f"percuss-{run}-{request.source.id}-{number}",
-            pure=False,
-        ): request
-        for number, request in enumerate(requests)
-    }
-
-    def receive() -> Iterator[tuple[Source, Outcome]]:
-        for future in as_completed(list(futures), loop=client.loop):
-            request = futures[future]
-            if future.status not in {"error", "finished"}:
-                raise ArchiveError(
-                    f"{scheduler}: lost: start the scheduler again, then repeat the same command"
-                )
-            if future.status == "error":
-                error = future.exception()
-                if isinstance(error, ArchiveError):
-                    raise error
-                reason = f"{request.source.url}: {' '.join(str(error).split())}"
-                with WorkerProcess(Path(request.output), limits) as worker:
-                    yield request.source, write_failure(request, DIED, reason, 0.0, worker.scratch)
-            else:
-                yield request.source, Outcome(**future.result())
-
     try:
-        yield receive()
+        yield client
     finally:
-        client.cancel(list(futures), force=True)
         client.close()
 
 
-def _analyse_on_worker(fields: dict[str, Any], limits: tuple[float, int], version: str) -> dict[str, Any]:
+@contextmanager
+def _marked(output: Path, run: str) -> Iterator[None]:
+    """Folder of a run among the unfinished files, by which its workers notice that they see the results.
+
+    Raises:
+        ArchiveError: the folder cannot be made.
+    """
+    mark = _mark(output, run)
+    try:
+        mark.mkdir(parents=True)
+    except OSError as error:
+        raise cannot_be_written(output, error) from None
+    try:
+        yield
+    finally:
+        shutil.rmtree(mark, ignore_errors=True)
+
+
+def _mark(output: Path, run: str) -> Path:
+    return output / SCRATCH / f"run-{run}"
+
+
+def _outcome(future: Future, request: Request, scheduler: str, limits: Limits) -> Outcome:
+    """Outcome of a finished task; of a task that failed, a failure of kind "died", whose row is written.
+
+    Args:
+        future: finished task.
+        request: its request.
+        scheduler: address of the Dask scheduler.
+        limits: limits of time and memory per recording.
+
+    Raises:
+        ArchiveError: the scheduler is lost, the task raised this error, or the failure's row cannot be
+            written.
+    """
+    from distributed import CancelledError
+    from distributed.scheduler import KilledWorker
+
+    try:
+        if future.status not in {"error", "finished"}:
+            raise CancelledError
+        return Outcome(**future.result())
+    except CancelledError:
+        raise ArchiveError(
+            f"{scheduler}: lost: start the scheduler again, then repeat the same command"
+        ) from None
+    except ArchiveError:
+        raise
+    except KilledWorker as error:
+        ended = counted(error.allowed_failures + 1, "worker")
+        text = f"{ended} ended during its analysis: add --only-failed to try it again"
+    except Exception as error:  # of any kind: Dask passes on what the task raised
+        text = " ".join(str(error).split())
+    with WorkerProcess(Path(request.output), limits) as worker:
+        return write_failure(request, DIED, f"{request.source.url}: {text}", 0.0, worker.scratch)
+
+
+def _analyse_on_worker(
+    fields: dict[str, Any], limits: tuple[float, int], version: str, run: str
+) -> dict[str, Any]:
     """Analyse one recording on a Dask worker.
 
     The worker's process is kept for later requests of this thread, and replaced for a run with another folder
@@ -107,14 +179,14 @@ def _analyse_on_worker(fields: dict[str, Any], limits: tuple[float, int], versio
         fields: the request as a dict, from `dataclasses.asdict`.
         limits: time [s] and memory [bytes] per recording.
         version: analysis version (hash of code and libraries) of the machine that runs the batch.
+        run: name of the run, of which there is a folder among the unfinished files of the results.
 
     Returns:
         The outcome (an `Outcome`) as a dict.
 
     Raises:
-        ArchiveError: this worker has another version of Percuss, the results cannot be written, or the object
-            file changed during the run.
-        OutputError: the row of a recording whose worker process failed cannot be written.
+        ArchiveError: this worker has another version of Percuss, it does not see the folder of the results
+            or cannot write it, or the object file changed during the run.
     """
     if version != analysis_version():
         raise ArchiveError(
@@ -122,12 +194,20 @@ def _analyse_on_worker(fields: dict[str, Any], limits: tuple[float, int], versio
             "start it again"
         )
     request = Request.from_fields(fields)
+    if not _mark(Path(request.output), run).exists():
+        raise ArchiveError(
+            f"{socket.gethostname()}: its worker does not see the results in {request.output}: share this "
+            "folder with that machine, then repeat the same command"
+        )
     worker: WorkerProcess | None = getattr(_this_thread, "worker", None)
     if worker is None or _this_thread.serves != (request.output, limits) or not worker.scratch.exists():
         if worker is not None:
             atexit.unregister(worker.close)
             worker.close()
-        worker = _this_thread.worker = WorkerProcess(Path(request.output), Limits(*limits))
+        try:
+            worker = _this_thread.worker = WorkerProcess(Path(request.output), Limits(*limits))
+        except OSError as error:
+            raise cannot_be_written(Path(request.output), error) from None
         _this_thread.serves = (request.output, limits)
         atexit.register(worker.close)
     return asdict(worker.analyse(request))

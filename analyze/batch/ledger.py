@@ -16,7 +16,8 @@ from typing import IO
 
 from pydantic import TypeAdapter
 
-from analyze.batch.results_lock import cannot_be_written, lock_results
+from analyze.batch.results_lock import lock_results
+from analyze.batch.unwritable import cannot_be_written
 from analyze.errors import ArchiveError
 
 FOLDER = "ledger"
@@ -95,7 +96,8 @@ class Ledger:
         name = "all" if shards == 1 else f"{number}-of-{shards}"
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            self._file: IO[bytes] = (folder / f"{name}.jsonl").open("ab")
+            # Unbuffered: what is left in a buffer on a full disk would fail once more as the file is closed.
+            self._file: IO[bytes] = (folder / f"{name}.jsonl").open("ab", buffering=0)
         except OSError as error:
             raise cannot_be_written(output, error) from None
         try:
@@ -112,16 +114,26 @@ class Ledger:
                 f"{output}: another run of shard {number}/{shards} is writing results there: wait for its "
                 "end, or use another --out"
             ) from None
-        self._run_ns = run_ns
+        self._run_ns, self._output = run_ns, output
         if self._file.tell():
             # End a line that a killed run left unfinished.
-            self._file.write(b"\n")
+            try:
+                self._file.write(b"\n")
+            except OSError as error:
+                self.__exit__()
+                raise cannot_be_written(output, error) from None
 
     def add(self, entries: Iterable[Entry]) -> None:
-        """Append entries, one line each, and flush them to the operating system."""
-        for entry in entries:
-            self._file.write(json.dumps({"run": self._run_ns, **asdict(entry)}).encode() + b"\n")
-        self._file.flush()
+        """Append entries, one line each, and flush them to the operating system.
+
+        Raises:
+            ArchiveError: the file cannot be written.
+        """
+        try:
+            for entry in entries:
+                self._file.write(json.dumps({"run": self._run_ns, **asdict(entry)}).encode() + b"\n")
+        except OSError as error:
+            raise cannot_be_written(self._output, error) from None
 
     def __enter__(self) -> Ledger:
         return self

@@ -12,9 +12,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from analyze.batch.rig_columns import rig_columns, shared_columns
+from analyze.batch.unwritable import cannot_be_written
 from analyze.errors import ArchiveError
 from analyze.types import TENSOR_ENTRIES, tensor_entry_name
-from schemas.output_file import write_bytes
+from schemas.output_file import OutputError, write_bytes
 from schemas.quantity import Quantity
 from schemas.result import Result
 
@@ -204,6 +205,26 @@ def write_row(row: Mapping[str, Any], path: Path) -> None:
     plain = {"write_statistics": False, "use_dictionary": False, "store_schema": False}
     named = pa.schema([field for field in SCHEMA if row.get(field.name) is not None])
     write_rows(pa.Table.from_pylist([dict(row)], schema=named), path, **plain)
+
+
+def store_row(row: Mapping[str, Any], scratch: Path, output: Path, name: str) -> None:
+    """Write a row into a folder of results, where its file appears complete or not at all.
+
+    Args:
+        row: values by column; columns of `SCHEMA` that it does not name are null.
+        scratch: folder for the unfinished file, on the disk of the results.
+        output: folder of the results.
+        name: path of the file in it.
+
+    Raises:
+        ArchiveError: the file cannot be written.
+    """
+    part = scratch / "row.parquet"
+    try:
+        write_row(row, part)
+        part.replace(output / name)
+    except (OutputError, OSError) as error:
+        raise cannot_be_written(output, error) from None
 
 
 def write_rows(rows: pa.Table, path: Path, **options: Any) -> None:

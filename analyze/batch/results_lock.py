@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 from typing import IO
 
+from analyze.batch.unwritable import cannot_be_written
 from analyze.errors import ArchiveError
 
 LOCK_NAME = "lock"
@@ -58,11 +59,6 @@ def lock_results(folder: Path, output: Path, shards: int) -> IO[bytes]:
         file.close()
         raise
     return file
-
-
-def cannot_be_written(output: Path, error: OSError) -> ArchiveError:
-    """Error for a folder of results in which a file cannot be written."""
-    return ArchiveError(f"{output}: cannot be written ({error.strerror}): choose another folder with --out")
 
 
 def cannot_be_locked(output: Path, error: OSError) -> ArchiveError:

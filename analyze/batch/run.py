@@ -151,7 +151,6 @@ def run_batch(
     Raises:
         ArchiveError: the results cannot be written, another run writes them, the object file changed during
             the run, or the scheduler cannot be reached.
-        OutputError: the row of a recording whose worker failed cannot be written.
     """
     outcomes: list[Outcome] = []
     interrupted = False
@@ -161,7 +160,8 @@ def run_batch(
         _remove_dead_scratch(output, alone=options.shard == (1, 1))
         known = read_ledgers(output)
         _remove_rows_of_missing_files(output, known.values())
-        pending, total = list(work.todo), len(work.todo)
+        # The largest first, so that no worker is busy with one when the others have nothing left.
+        pending, total = sorted(work.todo, key=lambda source: -source.size), len(work.todo)
         try:
             while pending:
                 requests = [

@@ -21,7 +21,6 @@ import cv2
 from analyze.batch.analysis import analyse
 from analyze.batch.worker_messages import Request
 from analyze.errors import AnalyzeError
-from schemas.output_file import OutputError
 
 PARENT_CHECK_INTERVAL_S = 0.5
 
@@ -44,7 +43,7 @@ def main() -> None:
     for line in sys.stdin:
         try:
             answer = asdict(analyse(Request.from_fields(json.loads(line)), scratch))
-        except (AnalyzeError, OutputError) as error:
+        except AnalyzeError as error:
             answer = {"error": str(error)}
         answers.write(json.dumps(answer) + "\n")
         answers.flush()

@@ -79,13 +79,12 @@ def write_failure(request: Request, failure: str, reason: str, seconds: float, s
         Outcome with kind and reason of the failure.
 
     Raises:
-        OutputError: the row cannot be written.
+        ArchiveError: the row cannot be written.
     """
     source = request.source
-    from analyze.batch.result_rows import write_row  # slow to import, and an unchanged archive needs no row
+    from analyze.batch.result_rows import store_row  # slow to import, and an unchanged archive needs no row
 
-    part = scratch / "row.parquet"
-    write_row(
+    store_row(
         {
             "url": source.url,
             "size_bytes": source.size,
@@ -98,7 +97,8 @@ def write_failure(request: Request, failure: str, reason: str, seconds: float, s
             "seconds": seconds,
             "analysed_at": datetime.now(UTC).isoformat(timespec="seconds"),
         },
-        part,
+        scratch,
+        Path(request.output),
+        f"{FAILURES}/{source.id}.parquet",
     )
-    part.replace(Path(request.output) / FAILURES / f"{source.id}.parquet")
     return Outcome(source.url, source.id, "", failure, reason, seconds)

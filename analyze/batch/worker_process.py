@@ -74,8 +74,7 @@ class WorkerProcess:
 
         Raises:
             WorkerStoppedError: `stop` was called.
-            ArchiveError: the worker cannot write the results, or the object file changed during the run.
-            OutputError: the failure row cannot be written.
+            ArchiveError: the results cannot be written, or the object file changed during the run.
         """
         start = time.monotonic()
         process = self._running()

@@ -160,8 +160,8 @@ def test_dask_worker_uses_folder_and_limits_of_the_present_run(tmp_path, monkeyp
 
     class FakeWorker:
         def __init__(self, output, limits):
-            self.scratch, self.limits = output, limits
-            output.mkdir(exist_ok=True)
+            self.scratch, self.limits = output / "own", limits
+            self.scratch.mkdir(exist_ok=True)
 
         def analyse(self, request):
             return Outcome(request.source.url, "", seconds=self.limits.seconds, reason=str(self.scratch))
@@ -175,14 +175,18 @@ def test_dask_worker_uses_folder_and_limits_of_the_present_run(tmp_path, monkeyp
         asdict(Request(Source((SourceFile("/x.mcap", 1, ""),)), BatchSettings(), str(tmp_path / name)))
         for name in ("one", "two")
     )
-    here = analysis_version()
-    assert cluster._analyse_on_worker(one, (1.0, 0), here)["reason"] == str(tmp_path / "one")
-    assert cluster._analyse_on_worker(two, (1.0, 0), here)["reason"] == str(tmp_path / "two"), (
+    here, run = analysis_version(), "0a1b2c3d"
+    for name in ("one", "two"):
+        (tmp_path / name / "unfinished" / f"run-{run}").mkdir(parents=True)
+    assert cluster._analyse_on_worker(one, (1.0, 0), here, run)["reason"] == str(tmp_path / "one" / "own")
+    assert cluster._analyse_on_worker(two, (1.0, 0), here, run)["reason"] == str(tmp_path / "two" / "own"), (
         "another folder"
     )
-    assert cluster._analyse_on_worker(two, (2.0, 0), here)["seconds"] == 2.0, "other limits"
-    (tmp_path / "two").rmdir()
-    cluster._analyse_on_worker(two, (2.0, 0), here)
-    assert closed == [tmp_path / "one", tmp_path / "two", tmp_path / "two"]
+    assert cluster._analyse_on_worker(two, (2.0, 0), here, run)["seconds"] == 2.0, "other limits"
+    (tmp_path / "two" / "own").rmdir()
+    cluster._analyse_on_worker(two, (2.0, 0), here, run)
+    assert closed == [tmp_path / name / "own" for name in ("one", "two", "two")]
+    with pytest.raises(ArchiveError, match="does not see the results in"):
+        cluster._analyse_on_worker(two, (2.0, 0), here, "of another machine")
     with pytest.raises(ArchiveError, match="another version of Percuss"):
-        cluster._analyse_on_worker(one, (1.0, 0), "older")
+        cluster._analyse_on_worker(one, (1.0, 0), "older", run)
