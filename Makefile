@@ -13,7 +13,7 @@ OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(basename $(notdir $(OBJECT)))-$(SEED).mcap
 
-.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-console bench-honesty bench-contents bench-adaptive attack bench-world-sessions bench-batch bench-import bench-unplanned bench-world bench-world-strikes bench-devices bench-read-rate bench-late-stamps bench-servo-safety protos lock clean bench-contact bench-tosses bench-thrown bench-toss-time bench-import-tosses bench-mat bench-print bench-print-cards bench-print-tosses bench-print-traced bench-compact bench-archive-growth
+.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-cache bench-checks bench-console bench-honesty bench-contents bench-adaptive attack bench-world-sessions bench-batch bench-cluster bench-import bench-unplanned bench-world bench-world-strikes bench-devices bench-read-rate bench-late-stamps bench-servo-safety protos lock clean bench-contact bench-tosses bench-thrown bench-toss-time bench-import-tosses bench-mat bench-print bench-print-cards bench-print-tosses bench-print-traced bench-compact bench-archive-growth
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -210,6 +210,10 @@ bench-batch: setup  ## a run over an archive of ARCHIVED=200 sessions and 20 bro
 GROWTH ?= measure
 bench-archive-growth: setup  ## an archive of 100 000 recordings: time and memory of each command (GROWTH="measure --rows 20000"); a million on paper (GROWTH=model) (half an hour)
 	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.archive_growth $(GROWTH)
+
+CLUSTER ?=
+bench-cluster: setup  ## two workers beside one over Slurm and dask-jobqueue, five turns (apt-get install munge slurmctld slurmd slurm-client; CLUSTER="--sessions 20 --turns 1") (half an hour)
+	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.cluster $(CLUSTER)
 
 bench-import: setup  ## the same strikes live and as H.264, FFV1, MJPEG, PNG (SESSION=recordings/demo-carton-1.mcap); what a gigabyte costs (ten minutes; with SESSION half an hour)
 	@$(if $(SESSION),PYTHONPATH=. OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.imported_codecs $(SESSION))

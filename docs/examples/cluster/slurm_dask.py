@@ -22,7 +22,7 @@ with SLURMCluster(
     security=keys,
     shared_temp_directory=str(Path.cwd()),  # for the workers' keys; all nodes must see this folder
     log_directory="slurm-logs",
-    scheduler_options={"dashboard_address": None},
+    scheduler_options={"dashboard_address": None, "worker_ttl": "60s"},
 ) as cluster:
     cluster.adapt(minimum_jobs=int(jobs), maximum_jobs=int(jobs))
     own = {
