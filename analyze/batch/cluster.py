@@ -89,13 +89,20 @@ def _connected(scheduler: str) -> Iterator[Client]:
     """Connection to the Dask scheduler for the duration of a `with` block.
 
     Raises:
-        ArchiveError: Dask is not installed, or the scheduler does not answer.
+        ArchiveError: Dask is not installed, there is no certificate, or the scheduler does not answer.
     """
     try:
         from distributed import Client
+        from distributed.security import Security
     except ImportError:
         raise ArchiveError(f"--scheduler needs Dask distributed: {extra_command('cluster')}") from None
     try:
+        connection = Security().get_connection_args("client")
+        if scheduler.startswith("tls://") and connection.get("ssl_context") is None:
+            raise ArchiveError(
+                f"{scheduler}: lets in only who has a certificate: set DASK_DISTRIBUTED__COMM__TLS__CA_FILE, "
+                "DASK_DISTRIBUTED__COMM__TLS__CLIENT__CERT and DASK_DISTRIBUTED__COMM__TLS__CLIENT__KEY"
+            )
         client = Client(scheduler, timeout=_CONNECT_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise ArchiveError(

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import threading
 from dataclasses import asdict
 
@@ -147,6 +150,41 @@ def test_a_cluster_gives_the_same_results(archive, finished, tmp_path):
         report = run(str(archive), tmp_path / "out", scheduler=cluster.scheduler_address)
     assert failures(report) == failures(finished[1])
     assert numbers(tmp_path / "out") == numbers(finished[0])
+
+
+@pytest.mark.slow
+def test_scheduler_with_certificates_lets_in_who_has_one(archive, tmp_path):
+    """As in docs/examples/cluster/slurm_dask.py: the client takes its certificate from the environment."""
+    from distributed import LocalCluster
+    from distributed.security import Security
+
+    keys = Security.temporary()
+    with LocalCluster(
+        n_workers=1,
+        threads_per_worker=1,
+        processes=False,
+        host="127.0.0.1",
+        dashboard_address=None,
+        protocol="tls://",
+        security=keys,
+        silence_logs=50,
+    ) as cluster:
+        recording, output = str(archive / "broken-empty-0.mcap"), str(tmp_path / "out")
+        command = [sys.executable, "-m", "analyze", "batch", recording, "--out", output]
+        command += ["--scheduler", cluster.scheduler_address]
+        refused = subprocess.run(command, capture_output=True, text=True, check=False)
+        own = {
+            "DASK_DISTRIBUTED__COMM__TLS__CA_FILE": keys.tls_ca_file,
+            "DASK_DISTRIBUTED__COMM__TLS__CLIENT__CERT": keys.tls_client_cert,
+            "DASK_DISTRIBUTED__COMM__TLS__CLIENT__KEY": keys.tls_client_key,
+        }
+        done = subprocess.run(command, env=os.environ | own, capture_output=True, text=True, check=False)
+    assert refused.returncode == 1
+    (line,) = refused.stderr.splitlines()
+    assert line.startswith(f"analyze: {command[-1]}: lets in only who has a certificate: set ")
+    assert all(name in line for name in own), "which is the remedy"
+    assert done.returncode == 3, done.stderr
+    assert "empty" in done.stderr
 
 
 def test_missing_scheduler_is_one_line(archive, tmp_path, monkeypatch):

@@ -304,7 +304,7 @@ def test_worker_of_another_version(dask, archive, expected, tmp_path):
     with (other / "analyze" / "types.py").open("a") as file:
         file.write("CHANGED = True\n")
     dask.scheduler()
-    dask.worker(dask.two, "--no-nanny", PYTHONPATH=str(other))
+    dask.worker(dask.two, "--no-nanny", PYTHONPATH=str(other), PYTHONSAFEPATH="1")
     dask.wait_for_workers(1)
     line = finished(dask.batch(archive, output), 1)
     assert line.startswith(
