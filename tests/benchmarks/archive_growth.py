@@ -94,7 +94,7 @@ def make_results(output: Path, pattern: dict[str, object], sources: Sequence[Sou
     waiting: list[dict[str, object]] = []
     single: Path | None = None
     failing = int(1 / FAILING_SHARE)
-    with Ledger(output, "all", 1) as ledger:
+    with Ledger(output, (1, 1), 1) as ledger:
         for number, row in enumerate(drawn_rows(pattern, sources)):
             url, source, key = (str(row[name]) for name in ("url", "source_id", "key"))
             if number % failing == 0:
