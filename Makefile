@@ -212,7 +212,7 @@ bench-archive-growth: setup  ## an archive of 100 000 recordings: time and memor
 	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.archive_growth $(GROWTH)
 
 CLUSTER ?=
-bench-cluster: setup  ## two workers beside one over Slurm and dask-jobqueue, five turns (apt-get install munge slurmctld slurmd slurm-client; CLUSTER="--sessions 20 --turns 1") (half an hour)
+bench-cluster: setup  ## two workers beside one over Slurm and dask-jobqueue, five turns (apt-get install munge slurmctld slurmd slurm-client; CLUSTER="--sessions 20 --turns 1") (fifty minutes)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.cluster $(CLUSTER)
 
 bench-import: setup  ## the same strikes live and as H.264, FFV1, MJPEG, PNG (SESSION=recordings/demo-carton-1.mcap); what a gigabyte costs (ten minutes; with SESSION half an hour)

@@ -28,6 +28,7 @@ ClusterName=percuss
 SlurmctldHost=localhost(127.0.0.1)
 SlurmctldPort={port}
 SlurmUser=root
+CommunicationParameters=NoInAddrAny,NoCtldInAddrAny
 AuthInfo=socket={folder}/munge.socket
 StateSaveLocation={folder}/state
 SlurmdSpoolDir={folder}/spool-%n
@@ -136,6 +137,7 @@ def slurm(
     configuration = CONFIGURATION.format(folder=folder, port=ports[0], timeout=NODE_TIMEOUT_S)
     partition = f"PartitionName=main Nodes={','.join(nodes)} Default=YES MaxTime=INFINITE State=UP\n"
     (folder / "slurm.conf").write_text(configuration + "".join(lines) + partition)
+    (folder / "hosts").write_text(f"127.0.0.1 localhost {' '.join(nodes)}\n")
     environment = os.environ | {"SLURM_CONF": str(folder / "slurm.conf"), "PATH": SEARCHED}
     cluster = Slurm(folder, environment)
     with ExitStack() as stack:
@@ -144,7 +146,7 @@ def slurm(
         stack.enter_context(_running(["slurmctld", "-D", "-c"], cluster))
         stack.callback(lambda: [_stop(process, kill=True) for process in cluster.nodes.values()])
         for name in nodes:
-            cluster.nodes[name] = _start(_node(name), cluster)
+            cluster.nodes[name] = _start(_node(name, folder), cluster)
         cluster.wait_for("idle", len(nodes))
         yield cluster
 
@@ -161,9 +163,11 @@ def _munged(folder: Path) -> list[str]:
     ]
 
 
-def _node(name: str) -> list[str]:
+def _node(name: str, folder: Path) -> list[str]:
     apart = ["unshare", "--pid", "--fork", "--kill-child", "--mount-proc", "--uts"]
-    return [*apart, "sh", "-c", 'hostname "$0" && exec slurmd -D -N "$0"', name]
+    # A daemon that listens on loopback alone does so by its node's name.
+    steps = 'hostname "$0" && mount --bind "$1/hosts" /etc/hosts && exec slurmd -D -N "$0"'
+    return [*apart, "sh", "-c", steps, name, str(folder)]
 
 
 def _start(command: Sequence[str], cluster: Slurm) -> subprocess.Popen[bytes]:

@@ -7,6 +7,8 @@ measured before and after in the same turn, since two cores of one machine share
 
 from __future__ import annotations
 
+import contextlib
+import importlib.util
 import os
 import statistics
 import tempfile
@@ -14,9 +16,10 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import ModuleType
 
 import click
-from dask_jobqueue import SLURMCluster
+import dask
 from distributed.security import Security
 from rich.console import Console
 
@@ -31,29 +34,26 @@ CONNECT_S = 120
 console = Console(highlight=False)
 
 
+def recipe() -> ModuleType:
+    """The documented script as a module."""
+    spec = importlib.util.spec_from_file_location("slurm_dask", ROOT / "docs/examples/cluster/slurm_dask.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    dask.config.set({"jobqueue.slurm.interface": "lo"})
+    return module
+
+
 @contextmanager
 def workers(number: int, folder: Path) -> Iterator[str]:
     """Run workers as Slurm jobs; yields the scheduler's address once they are connected."""
-    keys = Security.temporary()
-    own = {
-        "CA_FILE": keys.tls_ca_file,
-        "CLIENT__CERT": keys.tls_client_cert,
-        "CLIENT__KEY": keys.tls_client_key,
-    }
-    os.environ.update({f"DASK_DISTRIBUTED__COMM__TLS__{name}": text for name, text in own.items()})
-    with SLURMCluster(
-        cores=1,
-        processes=1,
-        memory="5GB",
-        walltime="02:00:00",
-        interface="lo",
-        security=keys,
-        shared_temp_directory=str(folder),
-        log_directory=str(folder / "slurm-logs"),
-        scheduler_options={"dashboard_address": None, "worker_ttl": "60s"},
-    ) as cluster:
+    script, keys = recipe(), Security.temporary()
+    os.environ.update(script.client_environment(keys))
+    with contextlib.chdir(folder), script.slurm_cluster(keys) as cluster:
         cluster.scale(jobs=number)
         cluster.wait_for_workers(number, timeout=CONNECT_S)
+        assert cluster.scheduler_address.startswith("tls://127.0.0.1:")
         yield cluster.scheduler_address
 
 
@@ -80,7 +80,7 @@ def turn(number: int, archive: Path, folder: Path) -> float:
 
 
 @click.command()
-@click.option("--sessions", default=120, show_default=True, help="Recordings in the archive.")
+@click.option("--sessions", default=200, show_default=True, help="Recordings in the archive.")
 @click.option("--turns", default=5, show_default=True)
 @click.option("--keep", type=click.Path(path_type=Path), help="Folder of the archive, made if it is missing.")
 def main(sessions: int, turns: int, keep: Path | None) -> None:

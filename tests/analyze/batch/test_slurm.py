@@ -70,7 +70,7 @@ def environment(cluster: Slurm) -> dict[str, str]:
 
 def wait_for_rows(output: Path, number: int, process: subprocess.Popen[str] | None = None) -> None:
     ends = time.monotonic() + 240
-    while len(list(output.glob("*/*.parquet"))) < number:
+    while len(list(output.glob("[rf]*s/*.parquet"))) < number:
         assert time.monotonic() < ends
         assert process is None or process.poll() is None, process.communicate()
         time.sleep(0.1)
