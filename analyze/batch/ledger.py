@@ -7,8 +7,10 @@ row exists.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import json
+import os
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -131,7 +133,9 @@ class Ledger:
         """
         try:
             for entry in entries:
-                self._file.write(json.dumps({"run": self._run_ns, **asdict(entry)}).encode() + b"\n")
+                line = json.dumps({"run": self._run_ns, **asdict(entry)}).encode() + b"\n"
+                if self._file.write(line) < len(line):
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         except OSError as error:
             raise cannot_be_written(self._output, error) from None
 

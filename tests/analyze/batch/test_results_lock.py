@@ -14,9 +14,10 @@ import pytest
 from click.testing import CliRunner
 
 from analyze.batch import results_lock
-from analyze.batch.ledger import Ledger
+from analyze.batch.ledger import Entry, Ledger, read_ledgers
 from analyze.cli import main
 from analyze.errors import ArchiveError
+from tests.full_disk import full_disk
 
 OVERLAPPING = [((1, 1), (1, 1)), ((1, 1), (2, 3)), ((2, 3), (1, 1)), ((1, 3), (2, 4)), ((2, 3), (2, 3))]
 NO_SCHEDULER = "tcp://127.0.0.1:9"
@@ -127,3 +128,18 @@ def test_a_file_system_without_locks_is_reported_as_such(tmp_path, monkeypatch, 
         Ledger(tmp_path / "nolocks", (1, 1), 1)
     with Ledger(tmp_path / "other", (1, 1), 1):
         pass
+
+
+def test_full_disk_loses_the_unfinished_line_alone(tmp_path):
+    entries = [Entry(f"{name}.mcap", "1", "2", "3", "4", "", "", [f"{name}.mcap"]) for name in "abcd"]
+    with Ledger(tmp_path, (1, 1), 1) as ledger:
+        ledger.add(entries[:1])
+        size = (tmp_path / "ledger" / "all.jsonl").stat().st_size
+        with (
+            full_disk(2 * size + 20),
+            pytest.raises(ArchiveError, match=r"No space left.*: free space there"),
+        ):
+            ledger.add(entries[1:])
+    with Ledger(tmp_path, (1, 1), 2) as ledger:
+        ledger.add(entries[3:])
+    assert list(read_ledgers(tmp_path)) == ["a.mcap", "b.mcap", "d.mcap"]
