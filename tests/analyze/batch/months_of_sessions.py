@@ -54,7 +54,7 @@ def write_sessions(output: Path, weeks: int, change: Change | None = None) -> No
     """Write the rows of `drawn_rows`, and their ledger, into a new folder of results."""
     (output / "recordings").mkdir(parents=True)
     (output / "failures").mkdir()
-    with Ledger(output, "all", 1) as ledger:
+    with Ledger(output, (1, 1), 1) as ledger:
         for row in drawn_rows(weeks, change):
             write_row(row, output / "recordings" / f"{row['key']}.parquet")
             ledger.add([Entry(row["url"], row["key"], "", "", row["key"], "", "", [])])
