@@ -155,21 +155,21 @@ def _outcome(future: Future, request: Request, scheduler: str, limits: Limits) -
     from distributed import CancelledError
     from distributed.scheduler import KilledWorker
 
-    try:
-        if future.status not in {"error", "finished"}:
-            raise CancelledError
-        return Outcome(**future.result())
-    except CancelledError:
-        raise ArchiveError(
-            f"{scheduler}: lost: start the scheduler again, then repeat the same command"
-        ) from None
-    except ArchiveError:
-        raise
-    except KilledWorker as error:
+    error: BaseException | None = None
+    if future.status in {"error", "finished"}:
+        try:
+            return Outcome(**future.result())
+        except (CancelledError, Exception) as raised:  # of any kind: Dask passes on what the task raised
+            error = raised
+    # Else it is the connection's error: the task's result could not be fetched.
+    if error is None or future.status != "error":
+        raise ArchiveError(f"{scheduler}: lost: start the scheduler again, then repeat the same command")
+    if isinstance(error, ArchiveError):
+        raise error
+    text = " ".join(str(error).split())
+    if isinstance(error, KilledWorker):
         ended = counted(error.allowed_failures + 1, "worker")
         text = f"{ended} ended during its analysis: add --only-failed to try it again"
-    except Exception as error:  # of any kind: Dask passes on what the task raised
-        text = " ".join(str(error).split())
     with WorkerProcess(Path(request.output), limits) as worker:
         return write_failure(request, DIED, f"{request.source.url}: {text}", 0.0, worker.scratch)
 

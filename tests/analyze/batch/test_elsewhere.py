@@ -19,6 +19,7 @@ from analyze.batch.run import BatchOptions, plan_work, run_batch
 from analyze.batch.settings import BatchSettings, analysis_version
 from analyze.batch.sparse_copy import sparse_copies
 from analyze.batch.worker_messages import Outcome, Request
+from analyze.batch.worker_process import Limits
 from analyze.errors import ArchiveError
 from analyze.reading.recording import open_recording
 from tests.broken_files import break_file
@@ -191,6 +192,23 @@ def test_missing_scheduler_is_one_line(archive, tmp_path, monkeypatch):
     monkeypatch.setattr("analyze.batch.cluster._CONNECT_TIMEOUT_S", 0.5)
     with pytest.raises(ArchiveError, match="no Dask scheduler"):
         run(str(archive), tmp_path / "out", scheduler="tcp://127.0.0.1:9")
+
+
+@pytest.mark.parametrize("status", ["finished", "lost", "cancelled"])
+def test_result_that_cannot_be_fetched_is_no_failure_of_the_recording(tmp_path, status):
+    """A scheduler that ended while a result was fetched once gave a row with failure `died`."""
+
+    class Unfetched:
+        def __init__(self):
+            self.status = status
+
+        def result(self):
+            raise OSError("Stream is closed")
+
+    request = Request(Source((SourceFile("/x.mcap", 1, ""),)), BatchSettings(), str(tmp_path))
+    with pytest.raises(ArchiveError, match="tcp://head:8786: lost: start the scheduler again"):
+        cluster._outcome(Unfetched(), request, "tcp://head:8786", Limits())
+    assert not list(tmp_path.iterdir())
 
 
 def test_dask_worker_uses_folder_and_limits_of_the_present_run(tmp_path, monkeypatch):
