@@ -15,7 +15,7 @@ import duckdb
 import pyarrow as pa
 
 from analyze.batch.ledger import read_ledgers
-from analyze.batch.stored_results import gather_rows, open_results, read_results
+from analyze.batch.stored_results import gather_rows, is_one_select, open_results, read_results
 from analyze.errors import ArchiveError
 
 LIST_TABLES = ("strikes", "moments", "regions", "warnings")
@@ -102,16 +102,21 @@ def run_query(output: Path, sql: str) -> pa.Table:
 
     Args:
         output: folder of the results.
-        sql: the query.
+        sql: the query: one statement that reads.
 
     Returns:
-        Table of the query's rows, with unique column names; empty if the statement returns no rows.
+        Table of the query's rows, with unique column names; empty if the text has no statement.
 
     Raises:
         ArchiveError: there are no results, a row's file is damaged, or the query is not valid or fails.
     """
     with open_recording_rows(output) as connection:
         try:
+            if not is_one_select(connection, sql):
+                raise ArchiveError(
+                    "query: is not one statement that reads: begin it with SELECT, FROM, WITH, DESCRIBE or "
+                    "PIVOT"
+                )
             relation = connection.sql(sql)
             # DuckDB runs the query only here.
             return _SCHEMALESS if relation is None else _unique_and_typed(relation.to_arrow_table())

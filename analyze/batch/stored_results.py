@@ -30,6 +30,8 @@ GATHER_FROM_ROWS = 50
 MAX_PART_ROWS = 5000
 """largest number of rows in a gathered file, which is held in memory while it is written"""
 _LOCK = "lock"
+_GLOB_SIGNS = "*?["
+"""signs in a path that the database takes for a glob, without a way to escape them"""
 
 
 @contextmanager
@@ -107,11 +109,34 @@ def _create_view(
     if parts:
         names = ", ".join(_quoted(path) for path in parts)
         connection.execute(f"set allowed_paths = [{names}]")
-        files = f"read_parquet([{names}], union_by_name = true)"
+        # A folder named as "object=cube" would give a column of that name.
+        files = f"read_parquet([{names}], union_by_name = true, hive_partitioning = false)"
         wanted = "key in (select id from row_order)"
         view = f"select * from {files} where {wanted} union all by name {view}"  # noqa: S608
     connection.execute(f"create view recordings as {view}")
     connection.execute("set enable_external_access = false")
+
+
+def is_one_select(connection: duckdb.DuckDBPyConnection, sql: str) -> bool:
+    """True if the text is a single statement that only reads (SELECT, FROM, WITH, DESCRIBE, PIVOT, ...).
+
+    Other statements could write into the gathered files, which the database may open.
+
+    Raises:
+        duckdb.Error: the text is not valid SQL.
+    """
+    connection.extract_statements(sql)
+    # A COPY that is part of a WITH clause writes, too.
+    data = sql.encode(errors="replace")
+    starts = [start for start, kind in duckdb.tokenize(sql) if kind == duckdb.token_type.keyword]
+    if any(data[start : start + 4].lower() == b"copy" for start in starts):
+        return False
+    try:
+        # In parentheses only a statement that reads is valid.
+        wrapped = f"select * from ({sql.strip().rstrip(';')}\n)"  # noqa: S608 - not run
+        return len(connection.extract_statements(wrapped)) == 1
+    except duckdb.ParserException:
+        return False
 
 
 def _quoted(path: Path) -> str:
@@ -129,8 +154,11 @@ def _parts(output: Path) -> dict[Path, set[str]]:
     """Gathered files with the keys of their rows; one that is damaged, or has other columns, is left out.
 
     Columns may be missing, which an older version did not write. A file with a row that another one has, as
-    an interrupted gathering leaves it, is left out too.
+    an interrupted gathering leaves it, is left out too. None is used in a folder whose path the database
+    would take for a glob.
     """
+    if any(sign in str(output.absolute()) for sign in _GLOB_SIGNS):
+        return {}
     found: dict[Path, set[str]] = {}
     known = {field.name: field for field in SCHEMA}
     for path in sorted((output / GATHERED).glob("*.parquet")):
@@ -157,6 +185,8 @@ def gather_rows(output: Path, keys: Sequence[str]) -> None:
     Raises:
         ArchiveError: a row's file is damaged.
     """
+    if any(sign in str(output.absolute()) for sign in _GLOB_SIGNS):
+        return
     if len(_single_rows(output, keys, _parts(output))) < GATHER_FROM_ROWS:
         return
     with contextlib.suppress(OutputError, OSError), _write_lock(output):

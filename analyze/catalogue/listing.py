@@ -10,7 +10,7 @@ import duckdb
 import pyarrow as pa
 
 from analyze.batch.ledger import Entry, read_ledgers
-from analyze.batch.stored_results import open_results
+from analyze.batch.stored_results import is_one_select, open_results
 from analyze.catalogue.table import read_catalogue
 from analyze.errors import ArchiveError
 
@@ -31,7 +31,7 @@ _FLAGS = """
             case when c.tosses > 0 then 'tosses' end,
             case when c.time_source = 'container_pts' then 'imported' end,
             case when c.scrub in ('damaged', 'altered') then c.scrub end,
-            case when l.url is null then 'not_analysed' end,
+            case when l.url is null or (l.key <> '' and a.key is null) then 'not_analysed' end,
             nullif(l.failure, '')
         ],
         [warning.code for warning in coalesce(a.warnings, [])],
@@ -45,7 +45,10 @@ _LISTING = f"""
         nullif(l.reason, '') as failure_reason, {_FLAGS} as flags
     from catalogue_given c
     left join ledger_given l on l.url = c.url
+        -- A failure of former bytes, or their answer, is not one of these.
+        and (l.key <> '' or l.source_id = c.source_id)
     left join recordings a on a.key = l.key
+        and (l.source_id = c.source_id or a.content_id = c.content_id and a.object_sha256 = c.object_sha256)
     order by c.created, c.url
 """  # noqa: S608 - constants only
 
@@ -115,16 +118,20 @@ def list_recordings(output: Path, selection: Selection) -> pa.Table:
         conditions = selection.conditions()
         where = " and ".join(f"({text})" for text, _ in conditions) or "true"
         parameters = [value for _, values in conditions for value in values]
+        sql = f"select * from listing where {where}"  # noqa: S608
         try:
-            found = connection.sql(f"select * from listing where {where}", params=parameters)  # noqa: S608
-            return found.to_arrow_table()
+            if not is_one_select(connection, sql):
+                raise ArchiveError(
+                    "--where: is not one condition: give a condition on the columns without a semicolon"
+                )
+            return connection.sql(sql, params=parameters).to_arrow_table()
         except duckdb.Error as error:
             text = " ".join(str(error).split())
             raise ArchiveError(f"--where: {text}: `analyze archive list --json` shows the columns") from None
 
 
 def _ledger_table(entries: Sequence[Entry]) -> pa.Table:
-    names = ("url", "key", "failure", "reason")
+    names = ("url", "source_id", "key", "failure", "reason")
     columns = {name: pa.array([getattr(each, name) for each in entries], pa.string()) for name in names}
     return pa.table(columns)
 

@@ -17,7 +17,9 @@ from schemas.plain_text import echo
 if TYPE_CHECKING:
     from analyze.catalogue.listing import Selection
 
-_DATE = re.compile(r"\d{4}(-\d\d(-\d\d(T\d\d(:\d\d(:\d\d)?)?)?)?)?")
+_DATE = re.compile(
+    r"\d{4}(-(0[1-9]|1[0-2])(-(0[1-9]|[12]\d|3[01])(T([01]\d|2[0-3])(:[0-5]\d(:[0-5]\d)?)?)?)?)?"
+)
 
 
 class _Date(click.ParamType):
@@ -34,7 +36,7 @@ class _Date(click.ParamType):
 
 
 class _Range(click.ParamType):
-    """Range of numbers, as 40..60, ..60 or 40.."""
+    """Range of numbers, as 40..60, 40.. or ..60."""
 
     name = "range"
 
@@ -49,7 +51,7 @@ class _Range(click.ParamType):
         except ValueError:
             limits = math.nan, math.nan
         if not dots or not limits[0] <= limits[1]:
-            self.fail(f"{value!r} is not a range: write 40..60, ..60 or 40..", param, ctx)
+            self.fail(f"{value!r} is not a range: write 40..60, 40.. or ..60", param, ctx)
         return limits
 
 
