@@ -100,7 +100,8 @@ def find_sources(places: Sequence[str], exclude: Sequence[str] = ()) -> list[Sou
         Recordings; empty if all are excluded.
 
     Raises:
-        ArchiveError: a place does not exist, cannot be listed, or contains no recording.
+        ArchiveError: a place does not exist, cannot be listed, or contains no recording, or the name of a
+            recording is not UTF-8.
     """
     found: dict[str, dict[str, Any]] = {}
     for place in places:
@@ -114,7 +115,14 @@ def find_sources(places: Sequence[str], exclude: Sequence[str] = ()) -> list[Sou
         for url, info in found.items()
         if not (url.endswith(PART_SUFFIX) and url.removesuffix(".part") in found)
     }
+    _refuse_unreadable_names(kept)
     return [_source(urls, kept) for urls in _series(sorted(kept))]
+
+
+def _refuse_unreadable_names(urls: Iterable[str]) -> None:
+    for url in urls:
+        if not url.isascii() and any("\ud800" <= sign <= "\udfff" for sign in url):
+            raise ArchiveError(f"{url}: its name is not UTF-8: rename it, or leave it out with --exclude")
 
 
 @dataclass(frozen=True)
@@ -142,7 +150,7 @@ def _list_recordings(place: str, exclude: Sequence[str]) -> tuple[str, dict[str,
     Raises:
         ArchiveError: the place does not exist, may not be read, or cannot be listed.
     """
-    system, path = _file_system(place)
+    system, path = file_system(place)
     try:
         resolved = _resolve(place, system, path)
         files = _list_files(resolved, exclude)
@@ -166,16 +174,20 @@ def _list_recordings(place: str, exclude: Sequence[str]) -> tuple[str, dict[str,
     return _full_url(system, resolved.root), urls
 
 
-def _file_system(place: str) -> tuple[fsspec.AbstractFileSystem, str]:
-    """File system of a place (path or URL), and the path in it.
+def file_system(place: str) -> tuple[fsspec.AbstractFileSystem, str]:
+    """File system of a place (path or URL), and the path in it, which is absolute for a local one.
 
     Raises:
         ArchiveError: the place is empty, or its protocol is unknown or needs a package that is missing.
     """
     if not place.strip():
         raise ArchiveError("a place is empty: name a folder, a glob or s3://bucket/folder")
+    if "://" not in place:
+        # fsspec would take "::" in a name for a chain of protocols.
+        return LocalFileSystem(), _plain_path(place)
     try:
-        return url_to_fs(place)
+        system, path = url_to_fs(place)
+        return system, _plain_path(path) if _is_local(system) else path
     except ImportError as error:
         protocol = place.split("://", 1)[0]
         remedy = f": {extra_command('s3')}" if protocol == "s3" else ""
@@ -186,6 +198,16 @@ def _file_system(place: str) -> tuple[fsspec.AbstractFileSystem, str]:
         ) from None
 
 
+def _plain_path(path: str) -> str:
+    """Absolute path without "..", so that each file has one URL; ".." after a link to elsewhere stays."""
+    given = Path(path).expanduser()
+    plain = os.path.abspath(given)  # noqa: PTH100 - Path.absolute keeps ".."
+    try:
+        return plain if given.samefile(plain) else str(given.absolute())
+    except OSError:
+        return plain
+
+
 def _resolve(place: str, system: fsspec.AbstractFileSystem, path: str) -> _Place:
     if any(sign in path for sign in "*?[") and not system.exists(path):
         # The working folder's own name may contain glob characters.
@@ -194,8 +216,8 @@ def _resolve(place: str, system: fsspec.AbstractFileSystem, path: str) -> _Place
         if not _is_local(system):
             return _Place(system, root, [str(each) for each in system.glob(path)])
         # Path.glob does not follow links.
-        found = [str(Path(each).absolute()) for each in glob(pattern, recursive=True)]  # noqa: PTH207
-        return _Place(system, str(Path(root).absolute()), found)
+        found = [_plain_path(each) for each in glob(pattern, recursive=True)]  # noqa: PTH207
+        return _Place(system, _plain_path(root or "."), found)
     if not system.exists(path):
         raise ArchiveError(f"{place}: no such file or folder: check the path")
     return _Place(system, path, [path])
