@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -34,18 +35,43 @@ def find_copies(rows: Sequence[Row]) -> list[CopyGroup]:
     """Groups of recordings that are copies of each other or versions of one session, the largest first.
 
     A recording without a content hash (no seal, or not readable) is compared by the SHA-256 of its files, if
-    it was scrubbed. Copies with other object files (`analyze rebase`) are versions of one session.
+    it was scrubbed. Copies with other object files (`analyze rebase`) are versions of one session. Links to a
+    file are no copies of it.
 
     Args:
         rows: rows of the catalogue; missing recordings are left out.
     """
-    present = [row for row in rows if row["state"] != MISSING]
+    present = _without_links([row for row in rows if row["state"] != MISSING])
     groups = [_group(SAME_CONTENT, each) for each in _linked(present, _content_marks)]
     # Of copies one stands for all: the versions of a session differ.
     copies = {row["url"] for group in groups for row in group.others}
     distinct = [row for row in present if row["url"] not in copies]
     groups += [_group(SAME_SESSION, each) for each in _linked(distinct, _session_marks)]
     return sorted(groups, key=lambda group: (-group.other_bytes, group.best["url"]))
+
+
+def _without_links(rows: Sequence[Row]) -> list[Row]:
+    """Rows without those whose file is that of another row: a link, or another spelling of its path."""
+    found: dict[object, Row] = {}
+    for row in rows:
+        file = _file_identity(row["url"])
+        if file not in found or _is_link(row) < _is_link(found[file]):
+            found[file] = row
+    return list(found.values())
+
+
+def _file_identity(url: str) -> object:
+    """Device and number of a local file; its URL if it is not local, or not there."""
+    try:
+        about = os.stat(url)  # noqa: PTH116 - of thousands of files
+    except (OSError, ValueError):
+        return url
+    # Some network file systems number no files.
+    return (about.st_dev, about.st_ino) if about.st_ino else url
+
+
+def _is_link(row: Row) -> bool:
+    return os.path.realpath(row["url"]) != row["url"]
 
 
 def _content_marks(row: Row) -> Iterator[str]:

@@ -19,6 +19,7 @@ from pathlib import Path
 from analyze.batch.analysis import failure_kind
 from analyze.batch.archive import Source
 from analyze.batch.sparse_copy import sparse_copies
+from analyze.catalogue.recording_files import file_exists
 from analyze.catalogue.table import Catalogue, Row
 from analyze.errors import RecordingCut
 from analyze.pipeline.read_evidence import read_open_head
@@ -30,7 +31,8 @@ EXACT, LOSSY = "exact", "lossy"
 MIN_FOR_PROCESSES = 200
 """number of recordings from which starting processes pays: one takes a second, a head 5 ms"""
 _PENDING_PER_PROCESS = 16
-_SCRUB_COLUMNS = ("scrub", "scrub_reason", "scrubbed_at", "sha256")
+SCRUB_COLUMNS = ("scrub", "scrub_reason", "scrubbed_at", "sha256")
+"""columns that state what is known of a recording's bytes"""
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,8 @@ def update_index(
     places: Sequence[str] = (),
     jobs: int | None = None,
     progress: Progress = no_progress,
+    *,
+    forget: bool = False,
 ) -> IndexReport:
     """Add rows of new recordings, renew those of changed ones, and mark those that are missing.
 
@@ -69,6 +73,7 @@ def update_index(
             found are missing. Local ones are looked up.
         jobs: number of processes; None for one per core.
         progress: called with (text, recordings read, recordings to read).
+        forget: True to remove the rows of missing recordings.
 
     Returns:
         Numbers of rows by what was done.
@@ -87,14 +92,18 @@ def update_index(
             done += 1
             progress("reading", done, max(len(pending), done))
             unreadable += row["state"] != OK
-            catalogue.set(row)
+            catalogue.set(renewed_row(catalogue.rows.get(source.url), row))
             # A file of the series' name that belongs to another recording has a row of its own.
             names = row["files"] if row["state"] == OK else ()
             others += [each for each in source.others(names) if each.url not in found]
         found.update(each.url for each in others)
         pending = [each for each in others if not _is_known(catalogue, each)]
         new_count += len(pending)
-    moved, missing = _settle_missing(catalogue, new, found, places)
+    moved = _settle_missing(catalogue, new, found, places)
+    missing = tuple(url for url, row in catalogue.rows.items() if row["state"] == MISSING)
+    if forget:
+        for url in missing:
+            del catalogue.rows[url]
     unchanged = len(sources) - len(new) - changed
     return IndexReport(new_count - len(moved), changed, unchanged, moved, missing, unreadable)
 
@@ -104,7 +113,6 @@ def read_index_row(source: Source) -> Row:
     row: Row = {
         "url": source.url,
         "files": [each.url.rsplit("/", 1)[-1] for each in source.files],
-        "size_bytes": source.size,
         "source_id": source.id,
         "state": OK,
     }
@@ -115,8 +123,30 @@ def read_index_row(source: Source) -> Row:
             row |= _head_columns(recording)
     except Exception as error:  # whatever it is, the other recordings go on
         row |= {"state": failure_kind(error, source), "reason": " ".join(str(error).split())}
-    own = [each for each in source.files if each.url.rsplit("/", 1)[-1] in row["files"]]
-    return row | {"files_id": Source(tuple(own)).id}
+        if source.is_local and not Path(source.url).exists():  # removed meanwhile, or a link to nothing
+            row |= {"state": MISSING, "reason": f"{source.url}: is no longer there"}
+    own = Source(tuple(each for each in source.files if each.url.rsplit("/", 1)[-1] in row["files"]))
+    return row | {"files_id": own.id, "size_bytes": own.size}
+
+
+def renewed_row(before: Row | None, row: Row) -> Row:
+    """Row that replaces an earlier one: it keeps what is known of bytes that did not change.
+
+    A recording of which a file is gone is missing, with its earlier row.
+    """
+    if before is None:
+        return row
+    if row["state"] == MISSING:
+        return before | {"state": MISSING, "reason": row["reason"]}
+    if before["files_id"] == row["files_id"]:
+        seen = before["scrub"] != MISSING
+        return row | {name: before.get(name) for name in (SCRUB_COLUMNS if seen else ("sha256",))}
+    here = {name.removesuffix(".part") for name in row["files"]}
+    gone = [name for name in before["files"] if name.removesuffix(".part") not in here]
+    folder = str(row["url"]).rpartition("/")[0]
+    if gone and before["recording_id"] and before["recording_id"] == row.get("recording_id"):
+        return before | {"state": MISSING, "reason": f"{folder}/{gone[0]}: is no longer there"}
+    return row
 
 
 @contextmanager
@@ -193,7 +223,7 @@ def _in_turn(pool: Executor, sources: Iterator[Source], most: int) -> Iterator[t
 
 def _settle_missing(
     catalogue: Catalogue, new: Iterable[str], found: set[str], places: Sequence[str]
-) -> tuple[tuple[tuple[str, str], ...], tuple[str, ...]]:
+) -> tuple[tuple[str, str], ...]:
     """Mark rows whose recording is gone; one that was moved gives its scrub to the row of its new place.
 
     Args:
@@ -203,7 +233,7 @@ def _settle_missing(
         places: folders and buckets that were searched.
 
     Returns:
-        Earlier and present URL of each moved recording; URLs of the missing ones.
+        Earlier and present URL of each moved recording.
     """
     rows = catalogue.rows
     arrived: dict[tuple[str, int, str], str] = {}
@@ -211,18 +241,19 @@ def _settle_missing(
         if rows[url].get("content_id"):
             arrived[_identity(rows[url])] = url
     moved: list[tuple[str, str]] = []
-    missing: list[str] = []
     for url in [each for each in rows if each not in found and _is_gone(each, places)]:
-        row = rows[url]
+        row, finished = rows[url], url.removesuffix(".part")
+        if finished != url and finished in rows:
+            del rows[url]
+            continue
         place = arrived.pop(_identity(row), None) if row.get("content_id") else None
         if place is None:
             row["state"], row["reason"] = MISSING, f"{url}: is no longer there"
-            missing.append(url)
             continue
-        rows[place] |= {name: row.get(name) for name in _SCRUB_COLUMNS}
+        rows[place] |= {name: row.get(name) for name in SCRUB_COLUMNS}
         del rows[url]
         moved.append((url, place))
-    return tuple(moved), tuple(missing)
+    return tuple(moved)
 
 
 def _identity(row: Row) -> tuple[str, int, str]:
@@ -232,4 +263,9 @@ def _identity(row: Row) -> tuple[str, int, str]:
 def _is_gone(url: str, places: Sequence[str]) -> bool:
     if "://" not in url:
         return not os.path.lexists(url)
-    return any("://" in place and url.startswith(place.rstrip("/") + "/") for place in places)
+    if not any("://" in place and url.startswith(place.rstrip("/") + "/") for place in places):
+        return False
+    try:
+        return not file_exists(url)
+    except Exception:  # no network: nothing is known
+        return False

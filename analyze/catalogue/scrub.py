@@ -7,6 +7,7 @@ without a seal.
 
 from __future__ import annotations
 
+import errno
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -15,21 +16,20 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from fsspec.core import url_to_fs
-
-from analyze.batch.archive import Source, find_sources
+from analyze.batch.archive import Source
 from analyze.batch.sparse_copy import sparse_copies
-from analyze.catalogue.index import MISSING, OK, read_index_row
-from analyze.catalogue.recording_files import file_sha256, file_urls
+from analyze.catalogue.index import MISSING, OK, read_index_row, renewed_row
+from analyze.catalogue.recording_files import current_source, file_exists, file_sha256, file_urls
 from analyze.catalogue.table import Catalogue, Row
-from analyze.errors import ArchiveError, RecordingError
+from analyze.errors import RecordingError
 from analyze.progress import Progress, no_progress
 from analyze.reading.verify import refuse_changed_content
 
 WHOLE, UNSEALED, UNREADABLE = "whole", "unsealed", "unreadable"
 DAMAGED, ALTERED = "damaged", "altered"
-PROBLEMS = (DAMAGED, ALTERED, MISSING)
-"""outcomes after which a recording must be restored from a copy"""
+UNREAD = "unread"
+PROBLEMS = (DAMAGED, ALTERED, MISSING, UNREAD)
+"""outcomes after which a recording must be restored from a copy, or read again (unread)"""
 _MEGA = 1_000_000
 
 
@@ -48,7 +48,7 @@ class ScrubReport:
 
     @property
     def problems(self) -> tuple[Row, ...]:
-        """Rows of the recordings that are damaged, altered or missing."""
+        """Rows of the recordings that are damaged, altered, missing or could not be read."""
         return tuple(row for row in self.rows if row["scrub"] in PROBLEMS)
 
 
@@ -91,7 +91,8 @@ def scrub(
                 break
             progress("scrubbing", done // _MEGA, total // _MEGA)
             found = scrub_recording(row, output)
-            catalogue.set(found)
+            if found["scrub"] != UNREAD:  # what is known of it stays, and it is due again
+                catalogue.set(found)
             read.append(found)
             done += found["size_bytes"]
     except KeyboardInterrupt:
@@ -109,28 +110,49 @@ def scrub_recording(row: Row, output: Path) -> Row:
     Returns:
         The row, read anew if the files changed; `scrub` is "whole", "unsealed" (no content hash to compare
         with: only later changes are found), "unreadable" (not a complete recording; its bytes are compared
-        with the previous scrub), "damaged", "altered" (the bytes changed, their size and time did not) or
-        "missing".
+        with the previous scrub), "damaged", "altered" (the bytes changed, their size and time did not),
+        "missing", or "unread" (its bytes could not be had, or changed meanwhile: nothing is known of them).
     """
     now = datetime.now(UTC).isoformat(timespec="seconds")
     try:
-        urls = file_urls(row)
-        gone = [url for url in urls if not _exists(url)]
+        gone = [url for url in file_urls(row) if not file_exists(url)]
         if gone:
             text = f"{gone[0]}: is no longer there: restore it from a copy"
             return row | {"state": MISSING, "scrub": MISSING, "scrub_reason": text, "scrubbed_at": now}
-        source = next(each for each in find_sources(urls) if each.url == row["url"])
+        source = current_source(file_urls(row))
         same = source.id == row["files_id"] and row["state"] != MISSING
-        current = row if same else read_index_row(source)
-        with _local_copy(source, output) as path:
-            hashes = [file_sha256(str(path.with_name(each.url.rsplit("/", 1)[-1]))) for each in source.files]
-            outcome, reason = _outcome(current, hashes, path)
-    except (ArchiveError, OSError, RecordingError) as error:
-        text = " ".join(str(error).split())
-        return row | {"scrub": DAMAGED, "scrub_reason": f"{row['url']}: {text}", "scrubbed_at": now}
-    # The hash of the bytes as they should be stays: the next scrub finds the damage again.
-    kept = current.get("sha256") if outcome == ALTERED else hashes
+        current = row if same else renewed_row(row, read_index_row(source))
+        outcome, reason, hashes = _read(source, current, output)
+        if current_source(file_urls(row)).id != source.id:  # it was written to meanwhile
+            if current["state"] == OK:
+                return _unread(row, f"{row['url']}: changed while it was read: scrub it again")
+            outcome, reason, hashes = UNREADABLE, current["reason"], None
+    except Exception as error:  # whatever it is, the other recordings go on
+        text = f"{row['url']}: {' '.join(str(error).split())}"
+        if isinstance(error, OSError) and error.errno == errno.EIO:
+            return row | {"scrub": DAMAGED, "scrub_reason": text, "scrubbed_at": now}
+        return _unread(row, text)
+    # The hash of the bytes as they should be stays: a file that is restored is whole again.
+    kept = hashes if outcome not in PROBLEMS else current.get("sha256")
     return current | {"scrub": outcome, "scrub_reason": reason, "scrubbed_at": now, "sha256": kept}
+
+
+def _unread(row: Row, reason: str) -> Row:
+    return row | {"scrub": UNREAD, "scrub_reason": reason}
+
+
+def _read(source: Source, row: Row, output: Path) -> tuple[str, str | None, list[str] | None]:
+    """Read all files: outcome, reason (None if there is nothing to state), and SHA-256 of each file.
+
+    Raises:
+        OSError: a file cannot be read.
+    """
+    try:
+        with _local_copy(source, output) as path:
+            hashes = [file_sha256(str(path.with_name(name))) for name in row["files"]]
+            return *_outcome(row, hashes, path), hashes
+    except RecordingError as error:
+        return DAMAGED, f"{row['url']}: {' '.join(str(error).split())}", None
 
 
 def _outcome(row: Row, hashes: Sequence[str], path: Path) -> tuple[str, str | None]:
@@ -141,6 +163,8 @@ def _outcome(row: Row, hashes: Sequence[str], path: Path) -> tuple[str, str | No
             f"{row['url']}: altered: its bytes changed, their size and time did not: restore it from a copy"
         )
         return ALTERED, text
+    if row["state"] == "damaged":
+        return DAMAGED, row["reason"]
     if row["state"] != OK:
         return UNREADABLE, row["reason"]
     if row["content_id"] is None:
@@ -154,18 +178,14 @@ def _outcome(row: Row, hashes: Sequence[str], path: Path) -> tuple[str, str | No
 
 def _due(rows: Sequence[Row], older_than_days: float) -> list[Row]:
     """Rows that were not scrubbed in that many days, the longest not scrubbed first."""
-    latest = datetime.fromtimestamp(time.time() - 86400 * older_than_days, UTC).isoformat(timespec="seconds")
+    earliest = max(0.0, time.time() - 86400 * older_than_days)
+    latest = datetime.fromtimestamp(earliest, UTC).isoformat(timespec="seconds")
     due = [row for row in rows if row["scrubbed_at"] is None or row["scrubbed_at"] <= latest]
     return sorted(due, key=lambda row: (row["scrubbed_at"] or "", row["url"]))
 
 
 def _folder(row: Row) -> str:
     return str(row["url"]).rpartition("/")[0]
-
-
-def _exists(url: str) -> bool:
-    system, path = url_to_fs(url)
-    return bool(system.lexists(path))
 
 
 @contextmanager

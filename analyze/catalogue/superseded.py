@@ -24,7 +24,7 @@ REMEDIES = {
     OLD_ANALYSIS: "run `analyze batch` again: the code or its libraries changed",
     CHANGED_FILE: "run `analyze batch` again: the files changed",
     GONE: "the answer stays; restore the recording, or ignore it",
-    OTHER_VERSION: "use the answer of the recording named",
+    OTHER_VERSION: "use the answer of the recording named; if it has none, run `analyze batch` first",
     NO_RECORDING: "the answer of an earlier content or setting: it counts nowhere",
 }
 

@@ -22,6 +22,7 @@ _GIGA = 1e9
 def duplicates(output: Path, as_json: bool) -> None:
     """Find copies of recordings, and versions of one session; nothing is removed."""
     from analyze.catalogue.copies import SAME_CONTENT, find_copies
+    from analyze.catalogue.scrub import UNSEALED, WHOLE
     from analyze.catalogue.table import read_catalogue
 
     groups = find_copies(read_catalogue(output).to_pylist())
@@ -30,6 +31,7 @@ def duplicates(output: Path, as_json: bool) -> None:
             {
                 "kind": group.kind,
                 "best": group.best["url"],
+                "best_scrub": group.best["scrub"],
                 "others": [row["url"] for row in group.others],
                 "other_bytes": group.other_bytes,
             }
@@ -45,6 +47,12 @@ def duplicates(output: Path, as_json: bool) -> None:
         others, size = sum(len(group.others) for group in own), sum(group.other_bytes for group in own)
         word = "copy" if kind == SAME_CONTENT else "version"
         echo(f"{counted(others, f'other {word}')} ({kind}), {size / _GIGA:.2f} GB")
+    unread = sum(group.best["scrub"] not in {WHOLE, UNSEALED} for group in groups)
+    if unread:
+        echo(
+            f"{counted(unread, 'recording')} to keep not found whole by a scrub: "
+            "run `analyze archive scrub` before you remove any"
+        )
     if not groups:
         echo("no recording is there twice")
 

@@ -18,8 +18,11 @@ from schemas.wording import counted
     "--exclude", multiple=True, metavar="GLOB", help="Leave out matching recordings; may be repeated."
 )
 @click.option("--jobs", "-j", type=click.IntRange(1), help="Processes; default: one per core.")
+@click.option("--forget-missing", is_flag=True, help="Remove the rows of recordings that are gone.")
 @one_line
-def index(places: tuple[str, ...], output: Path, exclude: tuple[str, ...], jobs: int | None) -> None:
+def index(
+    places: tuple[str, ...], output: Path, exclude: tuple[str, ...], jobs: int | None, forget_missing: bool
+) -> None:
     """Read the heads of new and changed recordings in folders, globs and buckets into the catalogue."""
     from analyze.batch.archive import find_sources
     from analyze.catalogue.index import update_index
@@ -28,7 +31,7 @@ def index(places: tuple[str, ...], output: Path, exclude: tuple[str, ...], jobs:
 
     sources = find_sources(places, exclude)
     with open_catalogue(output, create=True) as catalogue, ProgressBar() as progress:
-        report = update_index(catalogue, sources, places, jobs, progress)
+        report = update_index(catalogue, sources, places, jobs, progress, forget=forget_missing)
         many = len(catalogue.rows)
     echo(
         f"{output / CATALOGUE}: {counted(many, 'recording')}: {report.new} new, {report.changed} changed, "
@@ -37,6 +40,6 @@ def index(places: tuple[str, ...], output: Path, exclude: tuple[str, ...], jobs:
     for before, now in report.moved:
         echo(f"moved: {before} -> {now}")
     for url in report.missing:
-        echo(f"missing: {url}", err=True)
+        echo(f"missing{' (forgotten)' if forget_missing else ''}: {url}", err=True)
     if report.unreadable:
         echo(f"{counted(report.unreadable, 'recording')} cannot be read: `analyze archive list` shows why")

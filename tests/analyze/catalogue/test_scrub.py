@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 from pathlib import Path
 
+from analyze.catalogue import scrub as scrub_module
 from tests.analyze.catalogue.steps import rows_of, run, scrubbed
 
 
@@ -68,3 +70,61 @@ def test_a_missing_recording_fails_its_scrub(archive, output) -> None:
     assert "is no longer there: restore it from a copy" in next(
         row["scrub_reason"] for row in report.problems if "session-2" in row["url"]
     )
+
+
+def _flip(path: Path, at: int, count: int = 1) -> None:
+    """Change a bit in each of `count` bytes; size and time of change stay."""
+    about = path.stat()
+    data = bytearray(path.read_bytes())
+    for each in range(at, at + count):
+        data[each] ^= 1
+    path.write_bytes(data)
+    os.utime(path, ns=(about.st_atime_ns, about.st_mtime_ns))
+
+
+def test_a_recording_damaged_before_its_first_scrub_is_whole_when_restored(archive, output) -> None:
+    path = archive / "session-2.mcap"
+    whole = path.read_bytes()
+    about = path.stat()
+    # More bytes than a chunk's head has, which no hash covers before the first scrub.
+    _flip(path, len(whole) // 3, 200)
+    scrubbed(output)
+    assert rows_of(output)["session-2.mcap"]["scrub"] == "damaged"
+    path.write_bytes(whole)
+    os.utime(path, ns=(about.st_atime_ns, about.st_mtime_ns))
+    scrubbed(output)
+    assert rows_of(output)["session-2.mcap"]["scrub"] == "whole"
+
+
+def test_a_file_that_is_written_meanwhile_is_not_damaged(archive, output, monkeypatch) -> None:
+    before = rows_of(output)
+    verify = scrub_module.refuse_changed_content
+
+    def write(path: Path) -> None:
+        _flip(path, -20)
+        path.touch()
+        verify(path)
+
+    monkeypatch.setattr(scrub_module, "refuse_changed_content", write)
+    report = scrubbed(output)
+    texts = [row["scrub_reason"] for row in report.problems if row["scrub"] == "unread"]
+    assert len(texts) == 6
+    assert "changed while it was read: scrub it again" in texts[0]
+    assert rows_of(output)["session-2.mcap"] == before["session-2.mcap"]
+
+
+def test_a_disk_that_cannot_read_is_damage_and_no_permission_is_not(archive, output, monkeypatch) -> None:
+    def fail(url: str) -> str:
+        raise OSError(errno.EIO if "session-1" in url else errno.EACCES, "no", url)
+
+    monkeypatch.setattr(scrub_module, "file_sha256", fail)
+    outcomes = {Path(row["url"]).name: row["scrub"] for row in scrubbed(output).rows}
+    assert outcomes["session-1.mcap"] == "damaged"
+    assert outcomes["session-2.mcap"] == "unread"
+
+
+def test_recordings_of_any_age_are_left_out_by_days(output) -> None:
+    scrubbed(output)
+    answer = run("scrub", "--out", output, "--older-than", "1e9")
+    assert answer.exit_code == 0
+    assert answer.stdout.startswith("0 recordings read")
