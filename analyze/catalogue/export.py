@@ -5,25 +5,22 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-import pyarrow as pa
-from fsspec.core import url_to_fs
-
-from analyze.batch.archive import find_sources
-from analyze.batch.result_rows import write_rows
+from analyze.batch.archive import file_system, find_sources
 from analyze.batch.worker_messages import ROWS
-from analyze.catalogue.index import read_index_row
-from analyze.catalogue.recording_files import file_sha256, file_urls
-from analyze.catalogue.table import CATALOGUE, SCHEMA, Row
+from analyze.catalogue.index import SCRUB_COLUMNS, update_index
+from analyze.catalogue.recording_files import current_source, file_exists, file_sha256, file_urls, read_blocks
+from analyze.catalogue.scrub import ALTERED, DAMAGED
+from analyze.catalogue.table import CATALOGUE, Catalogue, Row, open_catalogue
 from analyze.errors import ArchiveError
 from analyze.progress import Progress, no_progress
-from schemas.output_file import write_text
+from schemas.output_file import write_bytes, write_text
+from schemas.wording import counted
 
 SUMS, RESULTS = "SHA256SUMS", "results"
-_BLOCK_BYTES = 1 << 22
 _MEGA = 1_000_000
 
 
@@ -65,34 +62,37 @@ def export_recordings(
         Numbers of files copied, files present, and rows of results.
 
     Raises:
-        ArchiveError: the disk has not enough room, a file of another content is in the way, or a recording
-            changed while it was copied or differs from its scrub.
+        ArchiveError: the disk has not enough room, a file of another content is in the way, or a recording is
+            damaged, gone, changed since its row was written or while it was copied, or not that of its scrub.
         OSError: a file cannot be read or written.
     """
+    _refuse_damaged(rows)
+    _refuse_changed(rows)
     urls = [url for row in rows for url in file_urls(row)]
     names = _names_below(urls)
     sizes = {url: _size(url) for url in urls}
     total = sum(sizes.values())
+    _refuse_other_folder(folder, output)
     _refuse_full_disk(folder, [(folder / names[url], sizes[url]) for url in urls])
     known = {url: sha for row in rows for url, sha in zip(file_urls(row), row["sha256"] or [], strict=False)}
     sums: dict[str, str] = {}
     copied = done = 0
-    for url in urls:
-        progress("copying", done // _MEGA, total // _MEGA)
-        target = folder / names[url]
-        there = file_sha256(str(target.absolute())) if target.exists() else None
-        source_sum = known.get(url) if there is None else file_sha256(url)
-        if there is not None and there != source_sum:
-            raise ArchiveError(f"{target}: is there with other content: name another folder")
-        if there is None:
-            there = _copy(url, target, source_sum)
-            copied += 1
-        sums[names[url]] = there
-        done += sizes[url]
-    write_text(folder / SUMS, "".join(f"{value}  {name}\n" for name, value in sorted(sums.items())))
-    answers = _copy_answers(keys, output, folder / RESULTS)
-    places = [str((folder / names[file_urls(row)[0]]).absolute()) for row in rows]
-    _write_catalogue(rows, places, folder / RESULTS)
+    with open_catalogue(folder / RESULTS, create=True) as catalogue:
+        for url in urls:
+            progress("copying", done // _MEGA, total // _MEGA)
+            target = folder / names[url]
+            there = file_sha256(str(target.absolute())) if target.exists() else None
+            source_sum = known.get(url) if there is None else file_sha256(url)
+            if there is not None and there != source_sum:
+                raise ArchiveError(f"{target}: is there with other content: name another folder")
+            if there is None:
+                there = _copy(url, target, source_sum)
+                copied += 1
+            sums[names[url]] = there
+            done += sizes[url]
+        answers = _copy_answers(keys, output, folder / RESULTS)
+        _catalogue_copies(catalogue, rows, {url: str(folder / name) for url, name in names.items()})
+        _write_sums(folder / SUMS, sums)
     return ExportReport(copied, len(urls) - copied, answers, total)
 
 
@@ -100,16 +100,16 @@ def _copy(url: str, target: Path, expected: str | None) -> str:
     """Copy a file, which appears whole or not at all; the SHA-256 of its bytes.
 
     Raises:
-        ArchiveError: the bytes are not those of the scrub.
+        ArchiveError: the bytes are not those of the scrub, or changed meanwhile.
         OSError: it cannot be read or written.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     part = target.with_name(target.name + ".copying")
     digest = hashlib.sha256()
-    system, path = url_to_fs(url)
+    before = current_source([url]).id
     try:
-        with system.open(path, "rb") as source, part.open("wb") as copy:
-            while block := source.read(_BLOCK_BYTES):
+        with part.open("wb") as copy:
+            for block in read_blocks(url):
                 digest.update(block)
                 copy.write(block)
             copy.flush()
@@ -119,8 +119,13 @@ def _copy(url: str, target: Path, expected: str | None) -> str:
                 f"{url}: its bytes are not those of its scrub: run `analyze archive index` and `scrub`, or "
                 "restore it from a copy"
             )
+        if current_source([url]).id != before:
+            raise ArchiveError(
+                f"{url}: changed while it was copied: run it again when the recording is complete, or leave "
+                "it out with --where \"state <> 'unfinished'\""
+            )
         if "://" not in url:
-            shutil.copystat(path, part)
+            shutil.copystat(url, part)
         part.replace(target)
     finally:
         part.unlink(missing_ok=True)
@@ -133,21 +138,67 @@ def _copy_answers(keys: Sequence[str], output: Path, results: Path) -> int:
     found = [output / ROWS / f"{key}.parquet" for key in dict.fromkeys(keys)]
     present = [path for path in found if path.exists()]
     for path in present:
-        shutil.copy2(path, results / ROWS / path.name)
+        write_bytes(results / ROWS / path.name, path.read_bytes())
     return len(present)
 
 
-def _write_catalogue(rows: Sequence[Row], places: Sequence[str], results: Path) -> None:
-    """Write the catalogue of the copies, which keeps what the scrubs found."""
-    kept = dict(zip(places, rows, strict=True))
-    found = []
-    for source in find_sources(places):
-        row = read_index_row(source)
-        old = kept[source.url]
-        found.append(
-            row | {name: old.get(name) for name in ("scrub", "scrub_reason", "scrubbed_at", "sha256")}
+def _catalogue_copies(catalogue: Catalogue, rows: Sequence[Row], targets: Mapping[str, str]) -> None:
+    """Add the copies to the catalogue of the export, with what the scrubs of their originals found.
+
+    Args:
+        catalogue: catalogue of the export.
+        rows: rows of the originals.
+        targets: path of each file's copy by its URL.
+    """
+    sources = find_sources(list(targets.values()))
+    update_index(catalogue, sources)
+    for row in rows:
+        (source,) = find_sources([targets[file_urls(row)[0]]])
+        if source.url in catalogue.rows:  # a `.part` beside its finished file has no row
+            catalogue.rows[source.url] |= {name: row.get(name) for name in SCRUB_COLUMNS}
+
+
+def _write_sums(path: Path, sums: Mapping[str, str]) -> None:
+    """Write the file for `sha256sum -c`; lines of an earlier export into the same folder stay."""
+    lines = {_sum_line(name, value) for name, value in sums.items()}
+    own = {line.partition("  ")[2] for line in lines}
+    earlier = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    lines |= {line for line in earlier if line.partition("  ")[2] not in own}
+    write_text(path, "".join(f"{line}\n" for line in sorted(lines, key=lambda each: each.partition("  ")[2])))
+
+
+def _sum_line(name: str, value: str) -> str:
+    """Line of `sha256sum`, which marks a name with escapes by a backslash at its begin."""
+    escaped = name.replace("\\", "\\\\").replace("\n", "\\n").replace("\r", "\\r")
+    return f"{'' if escaped == name else chr(92)}{value}  {escaped}"
+
+
+def _refuse_damaged(rows: Sequence[Row]) -> None:
+    damaged = [row for row in rows if row["scrub"] in {DAMAGED, ALTERED}]
+    if damaged:
+        raise ArchiveError(
+            f"{damaged[0]['url']}: {damaged[0]['scrub']} at its scrub ({counted(len(damaged), 'recording')} "
+            "in all): restore it and run `analyze archive scrub`, or leave it out with "
+            "--where \"coalesce(scrub, '') not in ('damaged', 'altered')\""
         )
-    write_rows(pa.Table.from_pylist(found, schema=SCHEMA), results / CATALOGUE)
+
+
+def _refuse_changed(rows: Sequence[Row]) -> None:
+    for row in rows:
+        gone = next((url for url in file_urls(row) if not file_exists(url)), None)
+        if gone is not None or current_source(file_urls(row)).id != row["files_id"]:
+            raise ArchiveError(
+                f"{gone or row['url']}: is gone or changed since it was read into the catalogue: run "
+                "`analyze archive index` on its folder first"
+            )
+
+
+def _refuse_other_folder(folder: Path, output: Path) -> None:
+    """Refuse a folder in which an export would replace files that no export has written."""
+    if (folder / RESULTS).resolve() == output.resolve():
+        raise ArchiveError(f"{folder}: its results are those of the archive itself: name another folder")
+    if (folder / SUMS).exists() and not (folder / RESULTS / CATALOGUE).exists():
+        raise ArchiveError(f"{folder / SUMS}: is there already, and of no export: name another folder")
 
 
 def _names_below(urls: Sequence[str]) -> dict[str, str]:
@@ -173,5 +224,5 @@ def _refuse_full_disk(folder: Path, files: Sequence[tuple[Path, int]]) -> None:
 
 
 def _size(url: str) -> int:
-    system, path = url_to_fs(url)
+    system, path = file_system(url)
     return int(system.size(path) or 0)

@@ -99,6 +99,8 @@ def test_a_search_meets_all_conditions(output) -> None:
         (["--flag", "wet"], "--flag wet: no recording has it: those that occur are"),
         (["--where", "nothing = 1"], "--where: "),
         (["--where", "1 = 1) or (select count(*) from read_csv('/etc/passwd')) > 0 --"], "--where: "),
+        (["--where", "1 = 1)); copy (select 1) to 'x.csv'; select ((1"], "--where: is not one condition"),
+        (["--since", "2026-13"], "is not a date"),
         (["--since", "yesterday"], "is not a date"),
         (["--com-z", "7"], "is not a range"),
     ],

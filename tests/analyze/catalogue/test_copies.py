@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 from pathlib import Path
@@ -14,7 +15,7 @@ from analyze.catalogue.superseded import find_superseded
 from analyze.cli import main
 from analyze.compact.compact import CompactOptions, compact
 from analyze.progress import no_progress
-from tests.analyze.catalogue.steps import index, rows_of, run, scrubbed
+from tests.analyze.catalogue.steps import index, names, rows_of, run, scrubbed
 from tests.quick_archive import body_of, quick_session
 
 
@@ -112,9 +113,11 @@ def test_an_export_replaces_nothing_and_copies_no_rot(archive, output, tmp_path)
     assert (target / "lab" / "session-1.mcap").read_bytes() == b"mine"
     scrubbed(output)
     path = archive / "session-2.mcap"
+    about = path.stat()
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
     path.write_bytes(data)
+    os.utime(path, ns=(about.st_atime_ns, about.st_mtime_ns))
     answer = run("export", tmp_path / "other", "--out", output, "--where", "url like '%session-2%'")
     assert answer.exit_code == 1
     assert "its bytes are not those of its scrub" in answer.stderr
@@ -127,3 +130,71 @@ def test_an_export_that_has_no_room_copies_nothing(output, tmp_path, monkeypatch
     assert answer.exit_code == 1
     assert "MB are needed and 0 MB are free" in answer.stderr
     assert not (tmp_path / "export").exists()
+
+
+def test_an_export_leaves_other_files_of_its_folder(archive, output, tmp_path) -> None:
+    answer = run("export", output.parent, "--out", output)
+    assert answer.exit_code == 1
+    assert "its results are those of the archive itself" in answer.stderr
+    target = tmp_path / "export"
+    target.mkdir()
+    (target / "SHA256SUMS").write_text("mine\n")
+    answer = run("export", target, "--out", output)
+    assert answer.exit_code == 1
+    assert "is there already, and of no export" in answer.stderr
+    assert [path.name for path in target.iterdir()] == ["SHA256SUMS"]
+
+
+def test_a_second_export_into_a_folder_adds_to_it(archive, output, tmp_path) -> None:
+    target = tmp_path / "export"
+    for number in (1, 3):
+        answer = run("export", target, "--out", output, "--where", f"url like '%session-{number}%'")
+        assert answer.exit_code == 0, answer.stderr
+    assert len((target / "SHA256SUMS").read_text().splitlines()) == 2
+    assert len(rows_of(target / "results")) == 2
+
+
+def test_an_export_refuses_what_its_scrub_found_damaged(archive, output, tmp_path) -> None:
+    scrubbed(output)
+    answer = run("export", tmp_path / "export", "--out", output)
+    assert answer.exit_code == 1
+    assert "damaged at its scrub (1 recording in all)" in answer.stderr
+    remedy = answer.stderr.split('--where "')[1].split('"')[0]
+    assert run("export", tmp_path / "export", "--out", output, "--where", remedy).exit_code == 0
+    assert not list((tmp_path / "export").rglob("broken-wrong_byte*"))
+
+
+def test_an_export_refuses_a_file_that_is_written_meanwhile(archive, output, tmp_path, monkeypatch) -> None:
+    def blocks(url: str):
+        yield Path(url).read_bytes()
+        os.utime(url)
+
+    monkeypatch.setattr("analyze.catalogue.export.read_blocks", blocks)
+    answer = run("export", tmp_path / "export", "--out", output)
+    assert answer.exit_code == 1
+    assert "changed while it was copied" in answer.stderr
+    assert not list((tmp_path / "export").rglob("*.mcap*"))
+
+
+def test_the_answer_of_former_bytes_is_not_listed(archive, output) -> None:
+    CliRunner().invoke(main, ["batch", str(archive), "--out", str(output), "--exclude", "broken-*"])
+    path = archive / "session-2.mcap"
+    path.touch()
+    index(archive, output)
+    # The same content at another time has the same answer.
+    assert names(output, where="com_x_m is not null and url like '%session-2%'") == ["session-2.mcap"]
+    shutil.copy(archive / "lab" / "session-1.mcap", path)
+    index(archive, output)
+    assert names(output, flags=("not_analysed",), where="url like '%session-2%'") == ["session-2.mcap"]
+    assert not names(output, where="com_x_m is not null and url like '%session-2%'")
+
+
+def test_an_export_refuses_a_file_that_changed_since_the_index(archive, output, tmp_path) -> None:
+    for change in (lambda path: os.truncate(path, 1000), Path.unlink):
+        change(archive / "session-2.mcap")
+        answer = run("export", tmp_path / "export", "--out", output)
+        assert answer.exit_code == 1
+        assert "session-2.mcap: is gone or changed since it was read into the catalogue" in answer.stderr
+        assert not (tmp_path / "export").exists()
+    index(archive, output)
+    assert run("export", tmp_path / "export", "--out", output).exit_code == 0
