@@ -113,7 +113,7 @@ def control_chart(value: Array, stated_sd: Array, baseline: int = BASELINE) -> C
         ValueError: the baseline is smaller than eight sessions.
     """
     if baseline < MIN_SESSIONS:
-        raise ValueError(f"a baseline of {baseline} sessions is too small: use at least {MIN_SESSIONS}")
+        raise ValueError(f"the baseline must have at least {MIN_SESSIONS} sessions, not {baseline}")
     if len(value) < MIN_SESSIONS:
         return None
     first = value[:baseline]

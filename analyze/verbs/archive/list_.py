@@ -67,7 +67,7 @@ def _print(found: pa.Table) -> None:
                 start,
                 name,
                 rig,
-                strikes and f"{strikes} strikes",
+                strikes and counted(int(strikes), "strike"),
                 f"{size} MB",
                 centre and f"c {centre} mm",
             )
