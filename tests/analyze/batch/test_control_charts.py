@@ -159,5 +159,5 @@ def test_no_chart_of_too_few_sessions_or_of_equal_values(value):
 
 
 def test_baseline_of_too_few_sessions_is_refused():
-    with pytest.raises(ValueError, match="a baseline of 7 sessions is too small: use at least 8"):
+    with pytest.raises(ValueError, match="at least 8 sessions, not 7"):
         control_chart(np.arange(30.0), NOTHING[:30], 7)
