@@ -249,9 +249,10 @@ def conform(stored: pa.Table, schema: pa.Schema) -> pa.Table:
     Raises:
         ArrowException: a column is of a type that cannot be converted.
     """
+    names = set(stored.column_names)
     columns = {
         field.name: stored.column(field.name).cast(field.type)
-        if field.name in stored.column_names
+        if field.name in names
         else pa.nulls(len(stored), field.type)
         for field in schema
     }
@@ -278,7 +279,8 @@ def _read(path: Path) -> pa.Table:
     try:
         # Not `read_table`, which loads pandas, and takes three times as long for a file of one row.
         stored = pq.ParquetFile(path).read()
-        fields = [field for field in SCHEMA if field.name in stored.column_names]
+        names = set(stored.column_names)
+        fields = [field for field in SCHEMA if field.name in names]
         table = conform(stored, pa.schema(fields))
         table.validate(full=True)  # its texts, too
     except (pa.ArrowException, OSError) as error:

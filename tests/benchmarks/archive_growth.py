@@ -101,10 +101,7 @@ def make_results(output: Path, pattern: dict[str, object], sources: Sequence[Sou
                 reason = f"{url}: ends early"
                 ledger.add([Entry(url, source, settings, version, "", "cut", reason, [])])
                 failed = {"url": url, "source_id": source, "status": "failed", "failure": "cut"}
-                write_rows(
-                    pa.Table.from_pylist([failed | {"reason": reason}], schema=SCHEMA),
-                    output / FAILURES / f"{source}.parquet",
-                )
+                write_row(failed | {"reason": reason}, output / FAILURES / f"{source}.parquet")
                 continue
             waiting.append(row)
             # The rows' own files are looked up by name only: the gathered ones are read.
