@@ -25,23 +25,23 @@ class Measured:
     lossy_share: float = 0.10
     """its share with --near-lossless --crop (make bench-compact)"""
     analysis_s: float = 30.0
-    """analysis of such a session with PNG images, one core"""
+    """analysis of such a session with PNG images, one core; assumed"""
     read_share: float = 0.95
     """share of its bytes that an analysis from a bucket reads (make bench-batch)"""
     requests: float = 40.0
-    """requests to a bucket per recording of 437 MB: the summary, small topics, 32 MB each for the images"""
-    index_s: float = 0.005
-    """reading its head for the catalogue, one core"""
+    """requests to a bucket per recording: summary, small topics, 32 MB each for the images; assumed"""
+    index_s: float = 0.0041
+    """reading its head for the catalogue, one core (make bench-archive-growth)"""
     scrub_s_per_gb: float = 2.0
-    """reading a gigabyte for a scrub, both hashes, one core"""
-    row_bytes: float = 17e3
+    """reading a gigabyte for a scrub, both hashes, one core; assumed"""
+    row_bytes: float = 17.8e3
     """its row of results in a file of its own"""
     gathered_bytes: float = 4e3
-    """its row in a gathered file"""
-    ledger_bytes: float = 290.0
+    """its row in a gathered file; assumed, rows that resemble each other take 0.6 kB"""
+    ledger_bytes: float = 281.0
     """its line of the ledger"""
     catalogue_bytes: float = 90.0
-    """its row of the catalogue"""
+    """its row of the catalogue; assumed, links to few files take 40"""
 
 
 @dataclass(frozen=True)
