@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import hashlib
+from contextlib import closing
 from pathlib import Path
 
 from mcap.writer import Writer
 
+from analyze.reading.indexed_file import open_finished
 from analyze.reading.recording import open_recording
 from schemas import topics
 from schemas.document import canonical_json
+from schemas.mcap.records import CHUNK
+from schemas.mcap.walk import record_at
 from schemas.session_manifest import MANIFEST_NAME, PLAN_ATTACHMENT
 from tests.mcap_writer import McapWriter
 
@@ -57,7 +61,7 @@ def break_file(whole: Path, folder: Path, kind: str, number: int = 0) -> Path:
         case "head_only":
             path.write_bytes(data[:20])
         case "wrong_byte":
-            at = len(data) // 2 + 997 * number
+            at = _inside_a_chunk(whole, number)
             path.write_bytes(data[:at] + bytes([data[at] ^ 0x55]) + data[at + 1 :])
         case "no_strikes" | "other_plan" | "newer":
             _without_strikes(whole, path, kind)
@@ -67,6 +71,17 @@ def break_file(whole: Path, folder: Path, kind: str, number: int = 0) -> Path:
         case _:
             raise ValueError(kind)
     return path
+
+
+def _inside_a_chunk(whole: Path, number: int) -> int:
+    """Offset [bytes] of a byte of a message: the middle of a chunk near the middle of the file.
+
+    Chunk heads and message indexes lie between the chunks, and are not in the content hash.
+    """
+    with closing(open_finished(whole)) as file:
+        chunk = file.chunks[(len(file.chunks) // 2 + number) % len(file.chunks)]
+        length = len(record_at(file.data, chunk.offset, CHUNK))
+    return chunk.offset + length // 2
 
 
 def _without_strikes(whole: Path, path: Path, kind: str) -> None:
