@@ -69,6 +69,7 @@ def _difference(row: dict[str, object], best: dict[str, object]) -> str:
 @one_line
 def superseded(output: Path, as_json: bool) -> None:
     """Find answers that a newer analysis, recording or version of the session has superseded."""
+    from analyze.batch.ledger import read_ledgers
     from analyze.catalogue.superseded import REMEDIES, find_superseded
     from analyze.catalogue.table import read_catalogue
 
@@ -83,4 +84,5 @@ def superseded(output: Path, as_json: bool) -> None:
         for each in own:
             echo(f"    {each.url or each.key}" + (f" -> {each.by}" if each.by else ""))
     if not found:
-        echo("all answers are current")
+        some = bool(read_ledgers(output))
+        echo("all answers are current" if some else f"no answers: run `analyze batch PATH --out {output}`")

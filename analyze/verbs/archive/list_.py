@@ -31,6 +31,8 @@ def list_(output: Path, selection: Selection, as_json: bool, save: Path | None) 
     from analyze.batch.query_output import print_answer, save_answer
     from analyze.catalogue.listing import list_recordings
 
+    if as_json and save is not None:
+        raise click.UsageError("--json and --save exclude each other: choose one")
     refuse_outputs([save])
     found = list_recordings(output, selection)
     if save is not None:
