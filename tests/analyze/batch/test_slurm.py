@@ -10,11 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from analyze.batch.archive import find_sources
-from analyze.batch.query import read_recording_rows
-from analyze.batch.result_rows import STAMPS
-from analyze.batch.run import BatchOptions, plan_work, run_batch
-from analyze.batch.settings import BatchSettings
+from tests.analyze.batch.one_machine import rows, rows_of_one_machine
 from tests.broken_files import KINDS, break_file
 from tests.places import ROOT
 from tests.quick_archive import body_of, quick_session
@@ -48,17 +44,9 @@ def archive(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def expected(archive, tmp_path_factory):
     """Rows of one machine."""
-    output = tmp_path_factory.mktemp("results") / "out"
-    options = BatchOptions(jobs=2)
-    work = plan_work(find_sources([str(archive)]), output, BatchSettings(), options)
-    assert len(work.todo) == WHOLE + SHORT + 2 * len(KINDS)
-    run_batch(work, output, BatchSettings(), options)
-    return rows(output)
-
-
-def rows(output: Path) -> list[dict[str, object]]:
-    found = read_recording_rows(output).drop_columns(list(STAMPS)).to_pylist()
-    return sorted(found, key=lambda row: row["url"])
+    found = rows_of_one_machine(archive, tmp_path_factory.mktemp("results") / "out")
+    assert len(found) == WHOLE + SHORT + 2 * len(KINDS)
+    return found
 
 
 def environment(cluster: Slurm) -> dict[str, str]:
