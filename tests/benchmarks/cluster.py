@@ -2,7 +2,8 @@
 
 A private Slurm cluster of two nodes runs on this machine. Each turn times `analyze batch` on one worker and
 on two, which are connected before. The ratio is divided by that of a spin loop in one process and in two,
-measured before and after in the same turn, since two cores of one machine share clock, cache and memory.
+measured before, between and after in the same turn, since two cores of one machine share clock, cache and
+memory.
 """
 
 from __future__ import annotations
@@ -67,10 +68,11 @@ def timed_run(number: int, archive: Path, output: Path) -> float:
 
 def turn(number: int, archive: Path, folder: Path) -> float:
     """Efficiency of two workers over one, divided by that of a spin loop."""
-    before = spin_gain()
+    gains = [spin_gain()]
     one = timed_run(1, archive, folder / f"turn-{number}" / "one")
+    gains.append(spin_gain())
     two = timed_run(2, archive, folder / f"turn-{number}" / "two")
-    spin = (before + spin_gain()) / 2
+    spin = statistics.mean([*gains, spin_gain()])
     console.print(
         f"turn {number}: 1 worker {one:.1f} s, 2 workers {two:.1f} s: {one / two:.3f} times as fast, "
         f"a spin loop {spin:.3f}; efficiency {one / two / spin:.3f}",
