@@ -239,7 +239,7 @@ def write_rows(rows: pa.Table, path: Path, **options: Any) -> None:
         OutputError: the file cannot be written.
     """
     buffer = BytesIO()
-    pq.write_table(rows, buffer, compression="zstd", **options)
+    pq.write_table(rows, buffer, compression="zstd", write_page_checksum=True, **options)
     write_bytes(path, buffer.getvalue())
 
 
@@ -278,7 +278,7 @@ def _read(path: Path) -> pa.Table:
     """Table in a file, with those columns of `SCHEMA` that the file has."""
     try:
         # Not `read_table`, which loads pandas, and takes three times as long for a file of one row.
-        stored = pq.ParquetFile(path).read()
+        stored = pq.ParquetFile(path, page_checksum_verification=True).read()
         names = set(stored.column_names)
         fields = [field for field in SCHEMA if field.name in names]
         table = conform(stored, pa.schema(fields))

@@ -17,7 +17,7 @@ from itertools import islice
 from pathlib import Path
 
 from analyze.batch.analysis import failure_kind
-from analyze.batch.archive import Source
+from analyze.batch.archive import Source, file_system
 from analyze.batch.sparse_copy import sparse_copies
 from analyze.catalogue.recording_files import file_exists
 from analyze.catalogue.table import Catalogue, Row
@@ -49,6 +49,8 @@ class IndexReport:
     """recordings found at another place: earlier and present URL"""
     missing: tuple[str, ...]
     """URLs of recordings that are no longer at their place, nor at another one"""
+    forgotten: frozenset[str]
+    """those of `missing` whose rows were removed"""
     unreadable: int
     """new or changed recordings that cannot be read; their rows state why"""
 
@@ -73,7 +75,8 @@ def update_index(
             found are missing. Local ones are looked up.
         jobs: number of processes; None for one per core.
         progress: called with (text, recordings read, recordings to read).
-        forget: True to remove the rows of missing recordings.
+        forget: True to remove the rows of recordings missing from a place where others were found; a place
+            without any may be a disk that is not there.
 
     Returns:
         Numbers of rows by what was done.
@@ -86,26 +89,34 @@ def update_index(
     new = {each.url for each in pending if each.url not in rows}
     new_count, changed, unreadable, done = len(new), len(pending) - len(new), 0, 0
     found = {each.url for each in sources}
+    gone = [url for url in rows if url not in found and _is_gone(url, places)]
+    # What is known of a moved recording's bytes is saved with its new place, in case the index is killed.
+    left = {_identity(rows[url]): url for url in gone if rows[url].get("content_id")}
+    moved: list[tuple[str, str]] = []
     while pending:
         others: list[Source] = []
         for source, row in _read_rows(pending, jobs):
             done += 1
             progress("reading", done, max(len(pending), done))
             unreadable += row["state"] != OK
-            catalogue.set(renewed_row(catalogue.rows.get(source.url), row))
+            before = left.pop(_identity(row), None) if source.url not in rows and row["state"] == OK else None
+            if before is not None:
+                row |= _known_of_bytes(rows.pop(before))
+                moved.append((before, source.url))
+            catalogue.set(renewed_row(rows.get(source.url), row))
             # A file of the series' name that belongs to another recording has a row of its own.
             names = row["files"] if row["state"] == OK else ()
             others += [each for each in source.others(names) if each.url not in found]
         found.update(each.url for each in others)
         pending = [each for each in others if not _is_known(catalogue, each)]
         new_count += len(pending)
-    moved = _settle_missing(catalogue, new, found, places)
-    missing = tuple(url for url, row in catalogue.rows.items() if row["state"] == MISSING)
-    if forget:
-        for url in missing:
-            del catalogue.rows[url]
+    _mark_missing(catalogue, [url for url in gone if url in rows])
+    missing = tuple(url for url, row in rows.items() if row["state"] == MISSING)
+    forgotten = _forget(catalogue, missing, found, places) if forget else frozenset[str]()
     unchanged = len(sources) - len(new) - changed
-    return IndexReport(new_count - len(moved), changed, unchanged, moved, missing, unreadable)
+    return IndexReport(
+        new_count - len(moved), changed, unchanged, tuple(moved), missing, forgotten, unreadable
+    )
 
 
 def read_index_row(source: Source) -> Row:
@@ -139,14 +150,19 @@ def renewed_row(before: Row | None, row: Row) -> Row:
     if row["state"] == MISSING:
         return before | {"state": MISSING, "reason": row["reason"]}
     if before["files_id"] == row["files_id"]:
-        seen = before["scrub"] != MISSING
-        return row | {name: before.get(name) for name in (SCRUB_COLUMNS if seen else ("sha256",))}
+        return row | _known_of_bytes(before)
     here = {name.removesuffix(".part") for name in row["files"]}
     gone = [name for name in before["files"] if name.removesuffix(".part") not in here]
     folder = str(row["url"]).rpartition("/")[0]
     if gone and before["recording_id"] and before["recording_id"] == row.get("recording_id"):
         return before | {"state": MISSING, "reason": f"{folder}/{gone[0]}: is no longer there"}
     return row
+
+
+def _known_of_bytes(row: Row) -> Row:
+    """Columns of a row that state what is known of the recording's bytes, which are at their place again."""
+    names = SCRUB_COLUMNS if row["scrub"] != MISSING else ("sha256",)
+    return {name: row.get(name) for name in names}
 
 
 @contextmanager
@@ -221,49 +237,48 @@ def _in_turn(pool: Executor, sources: Iterator[Source], most: int) -> Iterator[t
             yield waiting.pop(future), future.result()
 
 
-def _settle_missing(
-    catalogue: Catalogue, new: Iterable[str], found: set[str], places: Sequence[str]
-) -> tuple[tuple[str, str], ...]:
-    """Mark rows whose recording is gone; one that was moved gives its scrub to the row of its new place.
+def _mark_missing(catalogue: Catalogue, gone: Iterable[str]) -> None:
+    """Mark rows whose recording is gone; that of a `.part` file that was finished since is removed.
 
     Args:
         catalogue: rows to change.
-        new: URLs of recordings that had no row before this run.
-        found: URLs of all recordings that were found.
-        places: folders and buckets that were searched.
-
-    Returns:
-        Earlier and present URL of each moved recording.
+        gone: URLs of recordings that are no longer at their place.
     """
     rows = catalogue.rows
-    arrived: dict[tuple[str, int, str], str] = {}
-    for url in new:
-        if rows[url].get("content_id"):
-            arrived[_identity(rows[url])] = url
-    moved: list[tuple[str, str]] = []
-    for url in [each for each in rows if each not in found and _is_gone(each, places)]:
-        row, finished = rows[url], url.removesuffix(".part")
+    for url in gone:
+        finished = url.removesuffix(".part")
         if finished != url and finished in rows:
             del rows[url]
-            continue
-        place = arrived.pop(_identity(row), None) if row.get("content_id") else None
-        if place is None:
-            row["state"], row["reason"] = MISSING, f"{url}: is no longer there"
-            continue
-        rows[place] |= {name: row.get(name) for name in SCRUB_COLUMNS}
-        del rows[url]
-        moved.append((url, place))
-    return tuple(moved)
+        else:
+            rows[url] |= {"state": MISSING, "reason": f"{url}: is no longer there"}
+
+
+def _forget(
+    catalogue: Catalogue, missing: Iterable[str], found: Iterable[str], places: Sequence[str]
+) -> frozenset[str]:
+    """Remove the rows of missing recordings from places where others are; their URLs."""
+    present = [url for url in found if catalogue.rows[url]["state"] != MISSING]
+    folders = [place if "://" in place else file_system(place)[1] for place in places]
+    searched = [folder for folder in folders if any(_is_below(url, folder) for url in present)]
+    forgotten = frozenset(url for url in missing if any(_is_below(url, folder) for folder in searched))
+    for url in forgotten:
+        del catalogue.rows[url]
+    return forgotten
 
 
 def _identity(row: Row) -> tuple[str, int, str]:
     return row["content_id"], row["size_bytes"], row["object_sha256"]
 
 
+def _is_below(url: str, folder: str) -> bool:
+    """True if a recording is in this folder or bucket, or in one below it."""
+    return url.startswith(folder.rstrip("/") + "/")
+
+
 def _is_gone(url: str, places: Sequence[str]) -> bool:
     if "://" not in url:
         return not os.path.lexists(url)
-    if not any("://" in place and url.startswith(place.rstrip("/") + "/") for place in places):
+    if not any("://" in place and _is_below(url, place) for place in places):
         return False
     try:
         return not file_exists(url)

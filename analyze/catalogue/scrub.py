@@ -1,8 +1,7 @@
 """Scrub an archive: read every byte of its recordings, and compare content and files with their hashes.
 
-A recording's content must be that of its seal; and its files must have the SHA-256 of the previous scrub,
-unless their size or time of change differ. The second finds damage outside of the messages, and in files
-without a seal.
+A recording must be whole and its content that of its seal; and its files must have the SHA-256 of the
+previous scrub, unless their size or time of change differ. The second finds damage in files without a seal.
 """
 
 from __future__ import annotations

@@ -122,7 +122,7 @@ def read_catalogue(output: Path) -> pa.Table:
             f"{output}: contains no catalogue: run `analyze archive index PATH --out {output}` first"
         )
     try:
-        stored = pq.ParquetFile(path).read()
+        stored = pq.ParquetFile(path, page_checksum_verification=True).read()
         table = conform(stored, SCHEMA)
         table.validate(full=True)
     except (OSError, pa.ArrowException):

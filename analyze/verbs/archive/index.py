@@ -18,7 +18,11 @@ from schemas.wording import counted
     "--exclude", multiple=True, metavar="GLOB", help="Leave out matching recordings; may be repeated."
 )
 @click.option("--jobs", "-j", type=click.IntRange(1), help="Processes; default: one per core.")
-@click.option("--forget-missing", is_flag=True, help="Remove the rows of recordings that are gone.")
+@click.option(
+    "--forget-missing",
+    is_flag=True,
+    help="Remove the rows of recordings gone from PATHs that still hold others.",
+)
 @one_line
 def index(
     places: tuple[str, ...], output: Path, exclude: tuple[str, ...], jobs: int | None, forget_missing: bool
@@ -40,6 +44,6 @@ def index(
     for before, now in report.moved:
         echo(f"moved: {before} -> {now}")
     for url in report.missing:
-        echo(f"missing{' (forgotten)' if forget_missing else ''}: {url}", err=True)
+        echo(f"missing{' (forgotten)' if url in report.forgotten else ''}: {url}", err=True)
     if report.unreadable:
         echo(f"{counted(report.unreadable, 'recording')} cannot be read: `analyze archive list` shows why")

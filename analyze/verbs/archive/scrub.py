@@ -17,6 +17,7 @@ from schemas.wording import counted
 
 if TYPE_CHECKING:
     from analyze.catalogue.listing import Selection
+    from analyze.catalogue.scrub import ScrubReport
     from analyze.catalogue.table import Row
 
 _UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0}
@@ -65,12 +66,28 @@ def scrub(output: Path, selection: Selection, seconds: float | None, days: float
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     urls = list_recordings(output, selection).column("url").to_pylist()
-    with open_catalogue(output) as catalogue, ProgressBar() as progress:
+    # The outcomes are printed before the catalogue is saved, for the disk may be full.
+    with open_catalogue(output) as catalogue:
         known = [url for url in urls if url in catalogue.rows]
-        report = scrub_recordings(
-            catalogue, known, output, seconds=seconds, older_than_days=days, progress=progress
-        )
-        whole = _whole_copies(list(catalogue.rows.values()), [row["url"] for row in report.problems])
+        with ProgressBar() as progress:
+            report = scrub_recordings(
+                catalogue, known, output, seconds=seconds, older_than_days=days, progress=progress
+            )
+        _print_report(report, list(catalogue.rows.values()), as_json=as_json)
+    if report.interrupted:
+        raise click.exceptions.Exit(INTERRUPTED)
+    if report.problems:
+        raise click.exceptions.Exit(LOSS)
+
+
+def _print_report(report: ScrubReport, rows: list[Row], *, as_json: bool) -> None:
+    """Print the outcomes: as lines of JSON or in numbers, and a line per problem.
+
+    Args:
+        report: outcomes of the scrub.
+        rows: rows of the catalogue, among which whole copies are sought.
+        as_json: True for one line of JSON per recording that was read.
+    """
     if as_json:
         print_json_lines({name: row.get(name) for name in _SHOWN} for row in report.rows)
     else:
@@ -78,13 +95,10 @@ def scrub(output: Path, selection: Selection, seconds: float | None, days: float
         counts = ", ".join(f"{outcomes.count(each)} {each}" for each in sorted(set(outcomes)))
         read = f"{counted(len(outcomes), 'recording')} read ({report.size_bytes / 1e9:.2f} GB)"
         echo(f"{read}{': ' if counts else ''}{counts}; {report.left} left")
+    whole = _whole_copies(rows, [row["url"] for row in report.problems])
     for row in report.problems:
         copy = whole.get(row["url"])
         echo(f"{row['scrub_reason']}" + (f" (a whole one is {copy})" if copy else ""), err=True)
-    if report.interrupted:
-        raise click.exceptions.Exit(INTERRUPTED)
-    if report.problems:
-        raise click.exceptions.Exit(LOSS)
 
 
 def _whole_copies(rows: list[Row], damaged: list[str]) -> dict[str, str]:

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from analyze.batch.archive import find_sources
+from analyze.batch.archive import Source, find_sources
+from analyze.catalogue import index as index_module
 from analyze.catalogue.copies import find_copies
 from analyze.catalogue.index import update_index
 from analyze.catalogue.table import open_catalogue, read_catalogue
@@ -113,6 +114,44 @@ def test_an_exported_series_keeps_its_scrub(series, tmp_path) -> None:
 def test_missing_recordings_can_be_forgotten(archive, output) -> None:
     (archive / "session-2.mcap").unlink()
     assert "missing (forgotten): " in run("index", archive, "--out", output, "--forget-missing").stderr
+    assert "session-2.mcap" not in rows_of(output)
+
+
+def test_a_disk_that_is_not_mounted_is_not_forgotten(archive, output, tmp_path) -> None:
+    """Neither if it alone is indexed, nor beside another place that is there."""
+    archive.rename(archive.with_name("away"))
+    archive.mkdir()
+    other = tmp_path / "other"
+    other.mkdir()
+    shutil.copy(archive.with_name("away") / "session-0.mcap", other / "new.mcap")
+    answer = run("index", archive, other, "--out", output, "--forget-missing")
+    assert "missing: " in answer.stderr
+    assert "forgotten" not in answer.stderr
+    shutil.rmtree(archive)
+    archive.with_name("away").rename(archive)
+    assert index(archive, output).missing == ()
+    assert "session-2.mcap" in rows_of(output)
+
+
+def test_a_moved_recording_keeps_its_hash_when_the_index_is_killed(archive, output, monkeypatch) -> None:
+    scrubbed(output)
+    before = rows_of(output)["session-2.mcap"]
+    (archive / "session-2.mcap").rename(archive / "a-moved.mcap")
+    shutil.copy(archive / "session-1.mcap", archive / "z-new.mcap")
+    read, rows = index_module.read_index_row, []
+
+    def killed(source: Source) -> dict[str, object]:
+        if rows:
+            raise KeyboardInterrupt  # the catalogue is saved as it is, as at a regular saving before a kill
+        rows.append(read(source))
+        return rows[0]
+
+    monkeypatch.setattr(index_module, "read_index_row", killed)
+    with pytest.raises(KeyboardInterrupt):
+        index(archive, output)
+    monkeypatch.undo()
+    assert rows_of(output)["a-moved.mcap"]["sha256"] == before["sha256"]
+    assert index(archive, output).missing == ()
     assert "session-2.mcap" not in rows_of(output)
 
 
