@@ -74,14 +74,15 @@ def break_file(whole: Path, folder: Path, kind: str, number: int = 0) -> Path:
 
 
 def _inside_a_chunk(whole: Path, number: int) -> int:
-    """Offset [bytes] of a byte of a message: the middle of a chunk near the middle of the file.
+    """Offset [bytes] of a byte of an image: the middle of a large chunk near the middle of the file.
 
-    Chunk heads and message indexes lie between the chunks, and are not in the content hash.
+    Small chunks hold messages that the catalogue reads, whose damage is found before any scrub.
     """
     with closing(open_finished(whole)) as file:
-        chunk = file.chunks[(len(file.chunks) // 2 + number) % len(file.chunks)]
-        length = len(record_at(file.data, chunk.offset, CHUNK))
-    return chunk.offset + length // 2
+        lengths = {at: len(record_at(file.data, at, CHUNK)) for at, _ in file.chunks}
+    large = [at for at, length in lengths.items() if 2 * length >= max(lengths.values())]
+    at = large[(len(large) // 2 + number) % len(large)]
+    return at + lengths[at] // 2
 
 
 def _without_strikes(whole: Path, path: Path, kind: str) -> None:

@@ -101,7 +101,7 @@ def update_index(
             unreadable += row["state"] != OK
             before = left.pop(_identity(row), None) if source.url not in rows and row["state"] == OK else None
             if before is not None:
-                row |= _known_of_bytes(rows.pop(before))
+                row.update(_known_of_bytes(rows.pop(before)))
                 moved.append((before, source.url))
             catalogue.set(renewed_row(rows.get(source.url), row))
             # A file of the series' name that belongs to another recording has a row of its own.

@@ -38,7 +38,7 @@ from tests.broken_files import KINDS
 from tests.fetched_bytes import fetched_without_images
 from tests.quick_archive import body_of
 
-SPIN, SPIN_TURNS = 60_000_000, 8
+SPIN, SPIN_TURNS, SPIN_S = 1_000_000, 10, 2.0
 console = Console(highlight=False)
 
 
@@ -62,29 +62,29 @@ def numbers(output: Path, *without: str) -> list[dict[str, object]]:
     return sorted(rows, key=lambda row: (str(row["key"]), str(row["files"])))
 
 
-def spin(_: int) -> float:
-    """Time [s] of a loop that needs only a core."""
-    start = time.monotonic()
-    for _ in range(SPIN):
-        pass
-    return time.monotonic() - start
+def spin(until: float) -> int:
+    """Turns of a loop that needs only a core, until the monotonic clock shows this time [s]."""
+    turns = 0
+    while time.monotonic() < until:
+        for _ in range(SPIN):
+            pass
+        turns += 1
+    return turns
 
 
 def spin_gain() -> float:
-    """Throughput of a spin loop in two processes, over that in one.
+    """Turns of a spin loop in two processes, over those in one.
 
     One and two alternate, since the speed of a shared machine's cores changes by a fifth within seconds.
+    Turns are counted: in a fixed number of them the slower core alone would count.
     """
-    one = two = 0.0
+    one = two = 0
     with ProcessPoolExecutor(2) as pool:
-        list(pool.map(spin, range(2)))
+        list(pool.map(spin, [time.monotonic() + SPIN_S] * 2))
         for _ in range(SPIN_TURNS):
-            start = time.monotonic()
-            pool.submit(spin, 0).result()
-            middle = time.monotonic()
-            list(pool.map(spin, range(2)))
-            one, two = one + middle - start, two + time.monotonic() - middle
-    return 2 * one / two
+            one += pool.submit(spin, time.monotonic() + SPIN_S).result()
+            two += sum(pool.map(spin, [time.monotonic() + SPIN_S] * 2))
+    return two / one
 
 
 def accounted(archive: Path, output: Path) -> None:

@@ -118,16 +118,17 @@ def test_missing_recordings_can_be_forgotten(archive, output) -> None:
 
 
 def test_a_disk_that_is_not_mounted_is_not_forgotten(archive, output, tmp_path) -> None:
-    """Neither if it alone is indexed, nor beside another place that is there."""
-    archive.rename(archive.with_name("away"))
-    archive.mkdir()
+    """Alone it is refused; with another place that is there, its rows stay."""
     other = tmp_path / "other"
     other.mkdir()
-    shutil.copy(archive.with_name("away") / "session-0.mcap", other / "new.mcap")
-    answer = run("index", archive, other, "--out", output, "--forget-missing")
+    shutil.copy(archive / "session-0.mcap", other / "new.mcap")
+    archive.rename(archive.with_name("away"))
+    archive.mkdir()
+    assert "contains no recording" in run("index", archive, "--out", output, "--forget-missing").stderr
+    answer = run("index", other, "--out", output, "--forget-missing")
     assert "missing: " in answer.stderr
     assert "forgotten" not in answer.stderr
-    shutil.rmtree(archive)
+    archive.rmdir()
     archive.with_name("away").rename(archive)
     assert index(archive, output).missing == ()
     assert "session-2.mcap" in rows_of(output)
@@ -137,7 +138,7 @@ def test_a_moved_recording_keeps_its_hash_when_the_index_is_killed(archive, outp
     scrubbed(output)
     before = rows_of(output)["session-2.mcap"]
     (archive / "session-2.mcap").rename(archive / "a-moved.mcap")
-    shutil.copy(archive / "session-1.mcap", archive / "z-new.mcap")
+    shutil.copy(archive / "lab" / "session-1.mcap", archive / "z-new.mcap")
     read, rows = index_module.read_index_row, []
 
     def killed(source: Source) -> dict[str, object]:

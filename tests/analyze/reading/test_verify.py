@@ -10,9 +10,9 @@ import pytest
 from analyze.errors import RecordingError
 from analyze.reading.recording import open_recording
 from analyze.reading.verify import refuse_changed_content
-from tests import small_recording as small
 from schemas.mcap import records as container
 from schemas.mcap.walk import walk
+from tests import small_recording as small
 from tests.analyze.split_recording import split_recording
 
 
@@ -41,7 +41,7 @@ def test_changed_file_of_a_series_is_named(row):
 
 
 def _bytes_around_messages(data: bytes) -> list[int]:
-    """Offsets of all bytes but messages, which a CRC covers, and what states nothing: names, an absent CRC."""
+    """Offsets of all bytes but messages, which a CRC covers, the header's names and the unused CRC."""
     magic, found = len(container.MAGIC), []
     for opcode, at, body in walk(memoryview(data), magic):
         size = container.RECORD_HEAD + len(body)
