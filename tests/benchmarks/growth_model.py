@@ -24,16 +24,16 @@ class Measured:
     """its share after `analyze compact` (make bench-compact)"""
     lossy_share: float = 0.10
     """its share with --near-lossless --crop (make bench-compact)"""
-    analysis_s: float = 30.0
-    """analysis of such a session with PNG images, one core; assumed"""
+    analysis_s: float = 11.7
+    """analysis of such a session with PNG images, one core: `acquire demo --strikes 9`, compact, `batch`"""
     read_share: float = 0.95
     """share of its bytes that an analysis from a bucket reads (make bench-batch)"""
     requests: float = 40.0
     """requests to a bucket per recording: summary, small topics, 32 MB each for the images; assumed"""
     index_s: float = 0.0041
     """reading its head for the catalogue, one core (make bench-archive-growth)"""
-    scrub_s_per_gb: float = 2.0
-    """reading a gigabyte for a scrub, both hashes, one core; assumed"""
+    scrub_s_per_gb: float = 1.5
+    """reading a gigabyte of the same session for a scrub, both hashes, one core, from memory"""
     row_bytes: float = 17.8e3
     """its row of results in a file of its own"""
     gathered_bytes: float = 4e3
@@ -113,7 +113,7 @@ def rows(many: int, cores: int, known: Measured, prices: Prices) -> Iterator[tup
 def _analysis(many: int, cores: int, known: Measured, prices: Prices) -> Iterator[tuple[str, str, str]]:
     hours = many * known.analysis_s / 3600
     value = f"{hours:,.0f} core hours, {hours / cores:,.0f} h on {cores} cores"
-    how = f"{known.analysis_s:.0f} s each, one core; {hours * prices.core_hour:,.0f} $"
+    how = f"{known.analysis_s:.1f} s each, one core; {hours * prices.core_hour:,.0f} $"
     yield "analysing all anew", value, how
     each = known.raw_bytes * known.compact_share * known.read_share
     gets = many * known.requests
