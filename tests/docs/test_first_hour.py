@@ -51,6 +51,10 @@ NOT_RUN = {
         "docs/how-to/session.md",
         "acquire strike --calibrate .*",
     ): "needs bodies hung on a thread before the arm",
+    (
+        "docs/how-to/session.md",
+        "acquire session .* --resume teabox.mcap",
+    ): "needs a session that ended early: tests/acquire/session/test_earlier.py",
     ("docs/how-to/archive.md", "analyze batch 's3://.*"): "needs a bucket: tests/analyze/batch",
     ("docs/how-to/install.md", "podman .*"): "needs a builder: tests/docs/test_containers.py",
     (
