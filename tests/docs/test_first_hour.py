@@ -54,7 +54,7 @@ NOT_RUN = {
     (
         "docs/how-to/session.md",
         "acquire session .* --resume teabox.mcap",
-    ): "needs a session that ended early: tests/acquire/session/test_earlier.py",
+    ): "needs a session that ended early: tests/system/test_adaptive_session.py",
     ("docs/how-to/archive.md", "analyze batch 's3://.*"): "needs a bucket: tests/analyze/batch",
     ("docs/how-to/install.md", "podman .*"): "needs a builder: tests/docs/test_containers.py",
     (
