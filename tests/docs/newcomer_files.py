@@ -15,6 +15,7 @@ import numpy as np
 
 from analyze.types import CameraModel
 from tests import make_phone_videos as renderer
+from tests.analyze.batch.months_of_sessions import write_sessions
 from tests.analyze.calibration import plumb_scenes
 from tests.analyze.calibration.boards import TrueBoard, facing, photograph
 from tests.analyze.fixture_objects import made, write_object_file
@@ -69,6 +70,11 @@ def write_drop(folder: Path) -> None:
 def write_one_video(folder: Path) -> None:
     """Write `session.mp4`: all strikes, one after the other."""
     renderer.write_video(folder / "session.mp4", _all_strikes(folder))
+
+
+def write_months_of_results(folder: Path) -> None:
+    """Write `results/`: half a year of weekly sessions."""
+    write_sessions(folder / "results", 26)
 
 
 def write_topics(folder: Path) -> None:

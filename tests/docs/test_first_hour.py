@@ -66,6 +66,7 @@ NOT_RUN = {
 ON_A_RIG = "acquire .*|analyze .*(--rig|first.mcap) .*"
 """lines of `ANYWHERE` for a rig; the others are for a phone"""
 GIVEN = {
+    "docs/how-to/across-sessions.md": newcomer_files.write_months_of_results,
     "docs/how-to/calibrate-camera.md": newcomer_files.write_board_images,
     "docs/how-to/fixtures.md": newcomer_files.write_objects_for_fixtures,
     "docs/how-to/frame-rate.md": newcomer_files.write_drop,
